@@ -1,0 +1,79 @@
+"""The one door to Numba: compiled kernels with a cache that can never be stale.
+
+Numba keys its cache on the file of the *decorated* function, so editing a callee in another file leaves the cached
+caller stale, silently. We therefore keep the cache in a folder named by the hash of every source file of the project:
+any edit moves to a new folder. A read-only tree, or a user without a writable home, gets a temporary folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+__all__ = ["cache_folder", "kernel", "source_hash"]
+
+
+@lru_cache(maxsize=1)
+def source_hash() -> str:
+    """SHA-256 (16 hex digits) over every Python source that may hold a kernel, names and contents."""
+    import importlib.util
+
+    digest = hashlib.sha256()
+    for room in ("optics", "generator", "estimators", "benchmarks"):
+        spec = importlib.util.find_spec(f"beambench.{room}")
+        if spec is None or not spec.submodule_search_locations:
+            continue
+        folder = Path(next(iter(spec.submodule_search_locations)))
+        for path in sorted(folder.rglob("*.py")):
+            text = path.read_bytes()
+            if b"kernel" in text:  # a file without a kernel can be neither a caller nor a callee
+                digest.update(f"{room}/{path.relative_to(folder)}".encode())
+                digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+@lru_cache(maxsize=1)
+def cache_folder() -> Path:
+    """The writable folder for compiled kernels: (user cache)/beambench/numba/(source hash), else a temporary one."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = Path(base) / "beambench" / "numba" / source_hash()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        return folder
+    except OSError:
+        # One folder per user, so that the next process finds the kernels again where the system allows it.
+        folder = Path(tempfile.gettempdir()) / f"beambench-numba-{os.getuid()}" / source_hash()
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            owner = folder.parent.stat()
+            if owner.st_uid == os.getuid() and owner.st_mode & 0o022 == 0:
+                with tempfile.TemporaryFile(dir=folder):
+                    return folder
+        except OSError:
+            pass
+        return Path(tempfile.mkdtemp(prefix="beambench-numba-"))
+
+
+def kernel(*args: Any, **options: Any) -> Any:
+    """`numba.njit` with the project's cache. Use as `@kernel` or `@kernel(fastmath=True, parallel=True)`.
+
+    Main arguments: those of `numba.njit`. `cache` is on unless switched off.
+    """
+    import numba
+
+    # The locator is chosen when the function is decorated, so the folder is set just before.
+    numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
+    options.setdefault("cache", True)
+    options.setdefault("nogil", True)
+    if len(args) == 1 and callable(args[0]) and not options.keys() - {"cache", "nogil"}:
+        return numba.njit(**options)(args[0])
+    return numba.njit(*args, **options)
