@@ -10,14 +10,23 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-_F = TypeVar("_F", bound=Callable[..., Any])
+if TYPE_CHECKING:
+    prange = range
 
-__all__ = ["cache_folder", "kernel", "source_hash"]
+__all__ = ["cache_folder", "kernel", "prange", "source_hash"]
+
+
+def __getattr__(name: str) -> Any:
+    """`prange` is Numba's, imported only when asked for."""
+    if name == "prange":
+        import numba
+
+        return numba.prange
+    raise AttributeError(name)
 
 
 @lru_cache(maxsize=1)

@@ -1,0 +1,161 @@
+"""The `direct` rung: one bounce, deterministic sub-pixel rays, exact times.
+
+Returns the echoes of every pixel (`Returns`) and the truth; the stack follows by `render_stack`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..optics import waveforms
+from ..optics.constants import C_M_PER_S
+from ..optics.correlation import Table, correlation_support, lookup, tabulate
+from ..scenes.declare import group_index, optics_gate, optics_pulse
+from ..scenes.scene import Scene
+from .echo import albedo_at_normal, echoes
+from .returns import Returns, gather_returns
+from .subsampling import contrast, plan
+from .trace import Tracer, pixel_directions
+
+__all__ = ["DirectScene", "gate_tables", "render_direct", "response_width_s"]
+
+Float = NDArray[np.float64]
+
+#: Samples within this many σ of R become one return.
+_MERGE_SIGMAS = 0.25
+#: DESIGN.md: a pixel is mixed where its sub-samples span over this fraction of R's full width at half maximum.
+_MIXED_FRACTION = 0.05
+#: Accuracy of the tabulated R, relative to its peak.
+_TABLE_RTOL = 1e-5
+
+
+@dataclass(frozen=True)
+class DirectScene:
+    """The direct light of a scene: `returns` over flat pixels, and `truth` arrays by name."""
+
+    returns: Returns
+    truth: dict[str, Any]
+    rays: int
+
+
+def gate_tables(scene: Scene) -> list[Table]:
+    """R(u) of every gate, with the pulse broadened by the jitter of single shots."""
+    laser = scene.rig.laser
+    pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_shot_s)
+    return [tabulate(pulse, optics_gate(gate), _TABLE_RTOL) for gate in scene.rig.gates]
+
+
+def response_width_s(scene: Scene) -> tuple[float, float]:
+    """(σ, full width at half maximum) of R(u) of the first gate [s]."""
+    pulse = waveforms.broadened(optics_pulse(scene.rig.laser.pulse), scene.rig.laser.jitter_shot_s)
+    gate = optics_gate(scene.rig.gates[0])
+    u = np.linspace(*correlation_support(pulse, gate), 4001)
+    r = lookup(tabulate(pulse, gate, 1e-4), u)
+    mean = float((u * r).sum() / r.sum())
+    sigma = float(np.sqrt(((u - mean) ** 2 * r).sum() / r.sum()))
+    above = u[r >= r.max() / 2]
+    return sigma, float(above[-1] - above[0])
+
+
+def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> DirectScene:
+    """Trace the scene and gather its echoes.
+
+    Main arguments:
+        scene: what is there.
+        rtol: relative error ε of the stack aimed at by the sub-pixel sampling.
+    Other arguments:
+        tracer: reuse an earlier one (same target).
+    """
+    tracer = tracer or Tracer(scene)
+    camera = scene.rig.camera
+    rows, cols = camera.rows, camera.cols
+    sigma, fwhm = response_width_s(scene)
+    row, col = (a.ravel() for a in np.mgrid[:rows, :cols])
+    direction = pixel_directions(camera, row, col)
+    hits = tracer.trace((0.0, 0.0, 0.0), direction)
+    echo = echoes(scene, tracer, direction, hits)
+    # A uniform spread over the pixel along both axes: variance (g_row² + g_col²)/12.
+    spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0)
+    shape = (rows, cols)
+    delta = contrast(
+        echo.amplitude.reshape(shape), echo.tau.reshape(shape), hits.target.reshape(shape), spread.reshape(shape), sigma
+    )
+    # Where the echo brightens toward later times, its centroid is later than the centre ray's: Σ (∂a/a)(∂τ)/12.
+    slope_row, slope_col = (_relative_slope(echo.amplitude.reshape(shape), axis).ravel() for axis in (0, 1))
+    centroid = echo.tau + (slope_row * echo.tau_per_row + slope_col * echo.tau_per_col) / 12.0
+    pixel = np.arange(rows * cols, dtype=np.int64)
+    single = np.ones(rows * cols, dtype=bool)
+    parts: list[tuple[Any, ...]] = []
+    rays = rows * cols
+    for group in plan(delta, _brightest_near(echo.amplitude.reshape(shape)), rtol):
+        n = group.n
+        single[group.pixel] = False
+        ticks = (np.arange(n) + 0.5) / n - 0.5
+        d_row, d_col = (a.ravel() for a in np.meshgrid(ticks, ticks, indexing="ij"))
+        sub_row = (row[group.pixel, None] + d_row).ravel()
+        sub_col = (col[group.pixel, None] + d_col).ravel()
+        sub_direction = pixel_directions(camera, sub_row, sub_col)
+        sub_hits = tracer.trace((0.0, 0.0, 0.0), sub_direction)
+        sub = echoes(scene, tracer, sub_direction, sub_hits)
+        sub_spread = np.sqrt((sub.tau_per_row**2 + sub.tau_per_col**2) / 12.0) / n
+        parts.append((np.repeat(group.pixel, n * n), sub.amplitude / (n * n), sub.tau, sub_spread))
+        rays += len(sub_row)
+    parts.append((pixel[single], echo.amplitude[single], centroid[single], spread[single]))
+    joined = [np.concatenate([p[i] for p in parts]) for i in range(4)] if len(parts) > 1 else list(parts[0])
+    returns, first, last = gather_returns(rows * cols, *joined, width_s=_MERGE_SIGMAS * sigma)
+    truth = _truth(scene, direction, hits, echo, returns, first, last, fwhm)
+    return DirectScene(returns, {name: _shaped(value, shape) for name, value in truth.items()}, rays)
+
+
+def _brightest_near(amplitude: Float) -> Float:
+    """The largest amplitude in the 3×3 neighbourhood: an edge pixel may see dark at its centre and light beside."""
+    padded = np.pad(amplitude, 1, mode="edge")
+    rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
+    return np.asarray(np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
+
+
+def _relative_slope(amplitude: Float, axis: int) -> Float:
+    """(∂a/∂pixel)/a along an axis by central differences; zero where there is no light or no neighbour."""
+    slope = np.zeros_like(amplitude)
+    if amplitude.shape[axis] > 2:
+        middle = [slice(None), slice(None)]
+        middle[axis] = slice(1, -1)
+        ahead, behind = np.roll(amplitude, -1, axis), np.roll(amplitude, 1, axis)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope[tuple(middle)] = (0.5 * (ahead - behind) / amplitude)[tuple(middle)]
+    return np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _shaped(value: Any, shape: tuple[int, int]) -> Any:
+    return value.reshape(*shape, *value.shape[1:])
+
+
+def _truth(
+    scene: Scene, direction: Float, hits: Any, echo: Any, returns: Returns, first: Float, last: Float, fwhm: float
+) -> dict[str, Any]:
+    """Truth per flat pixel: geometry by the centre ray, first and last return by all sub-samples."""
+    hit = hits.target >= 0
+    half = C_M_PER_S / (2.0 * group_index(scene.medium, scene.rig.laser.wavelength_m))
+    distance = np.where(hit, hits.distance, np.nan)
+    materials = [albedo_at_normal(item.material) for item in scene.target]
+    amplitude = np.zeros(len(hit))
+    owners = np.repeat(np.arange(len(hit)), np.diff(returns.start))
+    np.add.at(amplitude, owners, returns.amplitude)
+    # Half the path is the radial range of a coaxial rig; a bistatic rig's offset is taken from the centre ray.
+    offset = np.nan_to_num(echo.tau * half - distance)
+    return {
+        "truth_range": distance,
+        "truth_depth": distance * direction[2],
+        "truth_incidence": np.where(hit, np.arccos(np.clip(echo.cos_view, -1.0, 1.0)), np.nan),
+        "truth_normal": np.where(hit, hits.normal, np.nan).T.astype(np.float32),
+        "truth_albedo": np.where(hit, np.asarray([*materials, np.nan])[hits.target], np.nan).astype(np.float32),
+        "truth_material": hits.target.astype(np.int32),
+        "truth_mixed": np.nan_to_num(last - first) > _MIXED_FRACTION * fwhm,
+        "truth_first": first * half - offset,
+        "truth_last": last * half - offset,
+        "truth_amplitude": amplitude,
+    }

@@ -1,0 +1,160 @@
+"""From first hits to echoes: photoelectrons and arrival time of the one-bounce return of every ray."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..optics import brdf_albedo, illumination, ladar
+from ..optics.brdf_angles import Angles, angles
+from ..optics.brdf_chua import chua
+from ..optics.brdf_cook_torrance import cook_torrance
+from ..optics.brdf_lambert import lambert
+from ..optics.brdf_phong import phong
+from ..optics.constants import C_M_PER_S
+from ..scenes.declare import group_index
+from ..scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
+from ..scenes.scene import Scene
+from .trace import Hits, Tracer
+
+__all__ = ["Echoes", "albedo_at_normal", "echoes", "response"]
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """One echo per ray: `amplitude` photoelectrons per slice at an open gate, `tau` s after the pulse centroid left,
+    `path_gradient` of tau, s per pixel along (row, col), on the tangent plane; `cos_view` |n·d|."""
+
+    amplitude: Float
+    tau: Float
+    tau_per_row: Float
+    tau_per_col: Float
+    cos_view: Float
+
+
+def response(material: Material) -> Callable[[Angles], Float]:
+    """The material's response f·cosθi [1/sr] as a function of angles."""
+    if isinstance(material, Lambert):
+        return lambda a: lambert(a, albedo=material.albedo)
+    if isinstance(material, Phong):
+        return lambda a: phong(
+            a,
+            diffuse_albedo=material.diffuse_albedo,
+            specular_albedo=material.specular_albedo,
+            exponent=material.exponent,
+        )
+    if isinstance(material, CookTorrance):
+        return lambda a: cook_torrance(
+            a,
+            diffuse_albedo=material.diffuse_albedo,
+            f0=material.f0,
+            roughness=material.roughness,
+            distribution=material.distribution,
+        )
+    assert isinstance(material, Chua)
+    return lambda a: chua(
+        a,
+        k_s=material.k_s,
+        k_d=material.k_d,
+        slope=material.slope,
+        diffusivity=material.diffusivity,
+        convention=material.convention,
+    )
+
+
+def albedo_at_normal(material: Material) -> float:
+    """Hemispherical albedo of the material at normal incidence."""
+    if isinstance(material, Lambert):
+        return material.albedo
+    return float(brdf_albedo.hemispherical_albedo(response(material), 0.0))
+
+
+def echoes(scene: Scene, tracer: Tracer, direction: Float, hits: Hits) -> Echoes:
+    """Echoes of rays along unit `direction` (3, n) that hit the target as `hits` tells; zero amplitude where nothing is hit.
+
+    amplitude = N_p · E_p · I(θ) e^{−c r₁}/r₁² · f·cosθi · A_px π/(4F²) · V · T · QE · λ/(hc) · e^{−c r₂},
+    tau = n_g (r₁ + r₂)/c, with r₁ from the laser to the surface and r₂ from there to the camera.
+    """
+    rig, medium = scene.rig, scene.medium
+    camera, laser = rig.camera, rig.laser
+    hit = hits.target >= 0
+    r2 = np.where(hit, hits.distance, 1.0)
+    point = direction * r2
+    source = np.asarray(laser.position_m)
+    coaxial = not np.any(source)
+    from_laser = point if coaxial else point - source[:, None]
+    r1 = r2 if coaxial else np.sqrt(np.einsum("in,in->n", from_laser, from_laser))
+    beam = direction if coaxial else from_laser / r1
+    intensity = _radiant_intensity(scene, beam)
+    lit = hit & (intensity > 0)
+    if not coaxial and lit.any():
+        lit[lit] = tracer.visible(point[:, lit], laser.position_m)
+    a = angles(hits.normal.T, -beam.T, -direction.T)
+    reflected = np.zeros_like(r2)
+    for number, item in enumerate(scene.target):
+        mine = lit & (hits.target == number)
+        if mine.any():
+            part = Angles(a.cos_i[mine], a.cos_o[mine], a.cos_h[mine], a.cos_d[mine], a.cos_r[mine])
+            reflected[mine] = response(item.material)(part)
+    attenuation = np.exp(-medium.attenuation_per_m * (r1 + r2)) if medium.attenuation_per_m else 1.0
+    amplitude = rig.pulses_per_slice * ladar.pixel_photoelectrons(
+        pulse_energy_j=laser.pulse_energy_j,
+        radiant_intensity_per_sr=intensity,
+        range_laser_m=r1,
+        response_per_sr=reflected,
+        pixel_area_m2=camera.pixel_pitch_m**2,
+        f_number=camera.f_number,
+        cos_field=direction[2] if camera.vignetting == "cos4" else 1.0,
+        transmission=camera.transmission * attenuation,
+        quantum_efficiency=camera.quantum_efficiency,
+        wavelength_m=laser.wavelength_m,
+    )
+    per_metre = group_index(medium, laser.wavelength_m) / C_M_PER_S
+    row, col = _path_gradient(scene, direction, hits.normal, r2, beam)
+    return Echoes(
+        amplitude=np.where(lit, amplitude, 0.0),
+        tau=np.where(hit, (r1 + r2) * per_metre, np.nan),
+        tau_per_row=np.where(hit, row * per_metre, 0.0),
+        tau_per_col=np.where(hit, col * per_metre, 0.0),
+        cos_view=np.where(hit, a.cos_o, 0.0),
+    )
+
+
+def _radiant_intensity(scene: Scene, beam: Float) -> Float:
+    """Radiant intensity of the beam along unit directions (3, n), per unit power [1/sr]."""
+    spec = scene.rig.laser.illumination
+    ax, ay = spec.offset_rad
+    axis = np.array([np.sin(ax) * np.cos(ay), np.sin(ay), np.cos(ax) * np.cos(ay)])
+    # atan2 of cross and dot keeps full accuracy near the axis, where arccos loses half the digits.
+    cross = np.cross(axis, beam, axisa=0, axisb=0, axisc=0)
+    theta = np.arctan2(np.sqrt(np.einsum("in,in->n", cross, cross)), axis @ beam)
+    if spec.profile == "gaussian":
+        return illumination.gaussian_intensity(theta, spec.half_angle_rad)
+    if spec.profile == "flat-top":
+        return illumination.flat_top_intensity(theta, spec.half_angle_rad)
+    return illumination.measured_intensity(theta, spec.half_angle_rad, np.asarray(spec.radial_value))
+
+
+def _path_gradient(scene: Scene, direction: Float, normal: Float, r2: Float, beam: Float) -> tuple[Float, Float]:
+    """d(r₁ + r₂) per pixel along (row, col) on the tangent plane [m].
+
+    On the plane n·p = const, r₂ = (n·p)/(n·d): ∂r₂ = −r₂ (n·∂d)/(n·d), ∂p = d ∂r₂ + r₂ ∂d, ∂r₁ = beam·∂p.
+    """
+    camera = scene.rig.camera
+    scale = camera.pixel_pitch_m / camera.focal_length_m * direction[2]
+    facing = np.einsum("in,in->n", normal, direction)
+    facing = np.where(np.abs(facing) > 1e-6, facing, -1e-6)
+    result = []
+    for axis in (1, 0):  # rows go along y, columns along x
+        step = -direction * direction[axis]
+        step[axis] += 1.0
+        step *= scale
+        d_r2 = -r2 * np.einsum("in,in->n", normal, step) / facing
+        d_point = direction * d_r2 + step * r2
+        result.append(d_r2 + np.einsum("in,in->n", beam, d_point))
+    return result[0], result[1]

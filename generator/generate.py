@@ -1,0 +1,193 @@
+"""Scene in, capture out: the forward model reads as detector(gate(echoes(scene)))."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..captures.build import make_capture
+from ..optics import waveforms
+from ..optics.gate_maps import gate_offset_map
+from ..scenes.declare import declared_rig, optics_gate
+from ..scenes.errors import InputError
+from ..scenes.scene import Scene
+from .detector import detect, fixed_pattern
+from .direct import DirectScene, gate_tables, render_direct
+from .effects import catalogue
+from .random import Stage, generator
+from .returns import render_stack
+from .trace import Tracer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["GenerationWarning", "capture_key_of", "expected_electrons", "generate"]
+
+RUNGS = ("direct",)
+
+
+class GenerationWarning(UserWarning):
+    """The capture was made, but a user should look at the scene."""
+
+
+def capture_key_of(*parts: Any) -> int:
+    """A 63-bit key from (scene, stress, level): the same everywhere, whatever the order of the run."""
+    text = json.dumps(parts, sort_keys=True, default=lambda o: o.model_dump(mode="json"))
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
+
+
+def generate(
+    scene: Scene,
+    *,
+    seed: int,
+    capture_key: int | None = None,
+    fidelity: Literal["direct"] = "direct",
+    rtol: float = 1e-3,
+    truth_electrons: bool = False,
+    tracer: Tracer | None = None,
+) -> xr.Dataset:
+    """Generate one capture with its truth.
+
+    Main arguments:
+        scene: what is there, and what the rig is declared to be.
+        seed: with `capture_key`, names every random number.
+    Other arguments:
+        capture_key: index in a data set; by default the hash of the scene.
+        fidelity: the rung of the ladder; "direct" is one bounce without scattered light.
+        rtol: relative error of the expected stack aimed at by sub-pixel sampling.
+        truth_electrons: also keep the noise-free expectation of every sample.
+        tracer: reuse a tracer of the same target.
+
+    Raises:
+        InputError: an impossible scene, an unreadable mesh, an unknown rung.
+    Warns:
+        GenerationWarning: the target lies outside every gate; scattered light that the rung leaves out is not small.
+    """
+    if fidelity not in RUNGS:
+        raise InputError("There is no such rung.", where="fidelity", value=fidelity, allowed=", ".join(RUNGS))
+    if not 1e-6 <= rtol <= 0.5:
+        raise InputError("rtol is a fraction.", where="rtol", value=rtol, allowed="1e-6 … 0.5")
+    if seed < 0:
+        raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
+    key = capture_key_of(scene) if capture_key is None else capture_key
+    direct = render_direct(scene, rtol, tracer)
+    coords = _coordinates(scene)
+    light, background = expected_electrons(scene, direct, coords, seed, key)
+    rig = scene.rig
+    _warn_if_dark(scene, light, background, coords)
+    counts = detect(light, rig.detector, fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols), seed, key)
+    truth = dict(direct.truth)
+    dark = rig.detector.dark_current_e_per_s * rig.detector.exposure_s
+    truth["truth_background"] = background + (dark if rig.detector.intensifier is None else 0.0)
+    if truth_electrons:
+        truth["truth_electrons"] = light + np.float32(dark if rig.detector.intensifier is None else 0.0)
+    effects = catalogue(scene, direct)
+    for effect in effects:
+        if not effect["modelled"] and (effect["predicted_relative_size"] or 0) > 0.1:
+            warnings.warn(
+                f"{scene.name}: {effect['name']} is left out by the rung '{fidelity}' and is predicted to change the "
+                f"signal by {effect['predicted_relative_size']:.0%}.",
+                GenerationWarning,
+                stacklevel=2,
+            )
+    from ..captures.provenance import provenance
+
+    declared_t0 = declared_rig(scene)
+    coords["delay"] = coords.pop("setting") + declared_t0["t0_s"]
+    coords.pop("actual")
+    return make_capture(
+        "gated",
+        data={"counts": counts},
+        coords=coords,
+        truth=truth,
+        attrs={
+            "rig": declared_t0,
+            "truth_scene": scene.model_dump(mode="json"),
+            "truth_kind": "rendered",
+            "seed": seed,
+            "capture_key": key,
+            "fidelity": {"rung": fidelity, "rtol": rtol, "rays": direct.rays, "effects": effects},
+            "materials": [item.name for item in scene.target],
+            "provenance": provenance(
+                {"seed": seed, "capture_key": key, "fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons}
+            ),
+        },
+    )
+
+
+def _coordinates(scene: Scene) -> dict[str, Any]:
+    """Per-slice coordinates; `setting` is what the delay generator was set to, `actual` the optical delay."""
+    rig = scene.rig
+    spec = rig.delays
+    ramp = np.repeat(spec.start_s + spec.step_s * np.arange(spec.count), spec.repeats)
+    gates = len(rig.gates)
+    lit = np.tile(ramp, gates)
+    gate = np.repeat(np.arange(gates), len(ramp))
+    setting = np.concatenate([lit, np.full(spec.laser_off, spec.start_s)])
+    gate = np.concatenate([gate, np.zeros(spec.laser_off, dtype=int)])
+    total = len(setting)
+    return {
+        "setting": setting,
+        "actual": setting + rig.t0_s,
+        "gate": gate.astype(np.int32),
+        "pulses": np.full(total, rig.pulses_per_slice, dtype=np.int32),
+        "laser_on": np.arange(total) < len(lit),
+        "time": np.arange(total) * rig.detector.exposure_s,
+        "valid": np.ones(total, dtype=bool),
+    }
+
+
+def expected_electrons(
+    scene: Scene, direct: DirectScene, coords: dict[str, Any], seed: int, key: int
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Expected photoelectrons (slices, rows, cols) of signal plus ambient light, and the ambient share per slice.
+
+    Pulse energy fluctuates per slice (mean of the slice's pulses), and the delay jitters per slice; both are drawn
+    here, because they are common to all pixels.
+    """
+    rig = scene.rig
+    rows, cols = rig.camera.rows, rig.camera.cols
+    slices = len(coords["actual"])
+    energy = np.ones(slices)
+    if rig.laser.energy_fluctuation:
+        draw = generator(seed, key, Stage.ENERGY).standard_normal(slices)
+        energy = np.maximum(1 + rig.laser.energy_fluctuation * draw, 0.0)
+    delay = coords["actual"].copy()
+    if rig.laser.jitter_frame_s:
+        delay += rig.laser.jitter_frame_s * generator(seed, key, Stage.JITTER).standard_normal(slices)
+    scale = energy * coords["laser_on"]
+    light = np.empty((slices, rows, cols), dtype=np.float32)
+    offset = None
+    if rig.gate_map is not None:
+        offset = gate_offset_map(rows, cols, rig.gate_map.iris_s, rig.gate_map.skew_s)
+    areas = np.array([waveforms.gate_area(optics_gate(gate)) for gate in rig.gates])
+    background = rig.ambient_e_per_s * areas[coords["gate"]] * coords["pulses"]
+    for number, table in enumerate(gate_tables(scene)):
+        mine = np.flatnonzero(coords["gate"] == number)
+        if len(mine) == slices:
+            render_stack(direct.returns, table, delay, scale, offset, light.reshape(slices, -1))
+        else:
+            part = np.empty((len(mine), rows * cols), dtype=np.float32)
+            render_stack(direct.returns, table, delay[mine], scale[mine], offset, part)
+            light[mine] = part.reshape(-1, rows, cols)
+    light += background.astype(np.float32)[:, None, None]
+    return light, background
+
+
+def _warn_if_dark(
+    scene: Scene, light: NDArray[np.float32], background: NDArray[np.float64], coords: dict[str, Any]
+) -> None:
+    signal = light.max(axis=(1, 2)) - background
+    if signal.max() <= 0:
+        window = coords["actual"][coords["laser_on"]]
+        warnings.warn(
+            f"{scene.name}: no light reaches any slice: the target is not hit, not lit, or outside every gate "
+            f"(delays {window.min():.4g} … {window.max():.4g} s).",
+            GenerationWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,39 @@
+"""Random numbers that depend on what is drawn, never on who draws it.
+
+`SeedSequence(seed, spawn_key=(capture_key, stage, block))`: blocks of 16 rows whatever the tiling or the worker.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+__all__ = ["BLOCK_ROWS", "Stage", "blocks", "generator"]
+
+#: Rows of one block of random numbers.
+BLOCK_ROWS = 16
+
+
+class Stage(IntEnum):
+    """What is drawn. Never renumber: old captures must regenerate."""
+
+    ENERGY = 1
+    JITTER = 2
+    PHOTONS = 3
+    INTENSIFIER = 4
+    DARK = 5
+    READ = 6
+    PRNU = 7
+    DSNU = 8
+
+
+def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:
+    """The random generator of one stage and block."""
+    sequence = np.random.SeedSequence(seed, spawn_key=(capture_key, int(stage), block))
+    return np.random.Generator(np.random.SFC64(sequence))
+
+
+def blocks(rows: int) -> list[tuple[int, slice]]:
+    """(block number, rows) of every block."""
+    return [(i, slice(r, min(r + BLOCK_ROWS, rows))) for i, r in enumerate(range(0, rows, BLOCK_ROWS))]

@@ -1,0 +1,141 @@
+"""Returns: the few echoes that stand for all light of a pixel, and the stack they give.
+
+Sub-samples of a pixel whose times lie close together are merged into one return with three moments (photoelectrons,
+mean time, standard deviation). A return is rendered as two halves at tau ± spread: Gauss's two-point rule, exact to the
+third moment, so a tilted surface inside a pixel costs two look-ups instead of many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..optics.correlation import Table, hermite_value
+from ..optics.jit import kernel, prange
+
+__all__ = ["Returns", "gather_returns", "render_stack"]
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Returns:
+    """Pixel i owns returns `start[i]` … `start[i+1] − 1`: photoelectrons, mean time and its spread (1 σ), s."""
+
+    start: Int
+    amplitude: Float
+    tau: Float
+    spread: Float
+
+
+def gather_returns(
+    pixels: int, pixel: Int, amplitude: Float, tau: Float, spread: Float, width_s: float
+) -> tuple[Returns, Float, Float]:
+    """Merge samples into returns.
+
+    Main arguments:
+        pixels: number of pixels; `pixel` (n): owner of each sample; samples of zero amplitude are dropped.
+        width_s: samples of a pixel within this time of the first of a group become one return.
+
+    Returns the returns and, per pixel, the first and last time that carries light (NaN where there is none).
+    """
+    live = amplitude > 0
+    if not live.all():
+        pixel, amplitude, tau, spread = pixel[live], amplitude[live], tau[live], spread[live]
+    if len(pixel) and np.any(pixel[1:] <= pixel[:-1]):  # one ordered sample a pixel needs no sorting
+        order = np.lexsort((tau, pixel))
+        pixel, amplitude, tau, spread = pixel[order], amplitude[order], tau[order], spread[order]
+    start, out_a, out_t, out_s, first, last = _merge(pixels, pixel, amplitude, tau, spread, width_s)
+    return Returns(start, out_a, out_t, out_s), first, last
+
+
+@kernel
+def _merge(pixels, pixel, amplitude, tau, spread, width):  # type: ignore[no-untyped-def]
+    n = pixel.size
+    start = np.zeros(pixels + 1, dtype=np.int64)
+    out_a = np.empty(n)
+    out_t = np.empty(n)
+    out_s = np.empty(n)
+    first = np.full(pixels, np.nan)
+    last = np.full(pixels, np.nan)
+    made = 0
+    i = 0
+    for p in range(pixels):
+        start[p] = made
+        if i < n and pixel[i] == p:
+            first[p] = tau[i] - 1.7320508 * spread[i]
+        while i < n and pixel[i] == p:
+            begin = tau[i]
+            a0 = 0.0
+            a1 = 0.0
+            a2 = 0.0
+            while i < n and pixel[i] == p and tau[i] - begin <= width:
+                x = tau[i] - begin
+                a = amplitude[i]
+                a0 += a
+                a1 += a * x
+                a2 += a * (x * x + spread[i] * spread[i])
+                end = tau[i] + 1.7320508 * spread[i]
+                if not last[p] >= end:
+                    last[p] = end
+                i += 1
+            mean = a1 / a0
+            out_a[made] = a0
+            out_t[made] = begin + mean
+            out_s[made] = np.sqrt(max(a2 / a0 - mean * mean, 0.0))
+            made += 1
+    start[pixels] = made
+    return start, out_a[:made].copy(), out_t[:made].copy(), out_s[:made].copy(), first, last
+
+
+def render_stack(
+    returns: Returns, table: Table, delays_s: Float, scale: Float, offset_s: Float | None, out: NDArray[np.float32]
+) -> None:
+    """Write S_k = scale_k Σ_j a_j [R(τ_j + s_j − t_k − o) + R(τ_j − s_j − t_k − o)]/2 into `out` (slices, pixels).
+
+    `offset_s` (pixels): the gate opens later by this much in a pixel. Pixels are shared out over the threads; each is
+    computed alone, so the bits do not depend on their number.
+    """
+    offset = np.zeros(1) if offset_s is None else np.ascontiguousarray(offset_s, dtype=np.float64).ravel()
+    _stack(
+        returns.start, returns.amplitude, returns.tau, returns.spread,
+        table.start_s, 1.0 / table.step_s, table.value, table.slope,
+        np.ascontiguousarray(delays_s, dtype=np.float64), np.ascontiguousarray(scale, dtype=np.float64),
+        offset, out, 1e-3 * table.step_s,
+    )  # fmt: skip
+
+
+@kernel(parallel=True)
+def _stack(start, amplitude, tau, spread, t0, inv_step, value, slope, delays, scale, offset, out, thin):  # type: ignore[no-untyped-def]
+    pixels = start.size - 1
+    block = 2048
+    low = t0
+    high = t0 + (value.size - 1) / inv_step
+    for b in prange((pixels + block - 1) // block):
+        begin = b * block
+        end = min(begin + block, pixels)
+        for k in range(delays.size):
+            delay = delays[k]
+            gain = scale[k]
+            for p in range(begin, end):
+                shift = delay + (offset[p] if offset.size > 1 else 0.0)
+                total = 0.0
+                for j in range(start[p], start[p + 1]):
+                    u = tau[j] - shift
+                    s = spread[j]
+                    if s <= thin:
+                        if u > low and u < high:
+                            total += amplitude[j] * hermite_value(t0, inv_step, value, slope, u)
+                    elif u > low - s and u < high + s:
+                        total += (
+                            0.5
+                            * amplitude[j]
+                            * (
+                                hermite_value(t0, inv_step, value, slope, u + s)
+                                + hermite_value(t0, inv_step, value, slope, u - s)
+                            )
+                        )
+                out[k, p] = total * gain

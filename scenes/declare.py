@@ -1,0 +1,126 @@
+"""The rig as declared: all that a laboratory would know of its instrument, with pulse and gates as samples only.
+
+Estimators see this and nothing else of the instrument, so that no closed form of the generator reaches them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..optics import refraction, waveforms
+from .load import validate_spec
+from .medium import AirIndex, ExplicitIndex, Medium, WaterIndex
+from .overrides import apply_overrides
+from .rig import GatedRig
+from .scene import Scene
+from .waveforms import Gate, Pulse
+
+__all__ = ["declared_rig", "group_index", "optics_gate", "optics_pulse", "phase_index"]
+
+#: Samples per characteristic width of the pulse or gate edge in the declared rig.
+_SAMPLES_PER_WIDTH = 48
+
+
+def phase_index(medium: Medium, wavelength_m: float) -> float:
+    """Phase refractive index of the medium at the vacuum wavelength."""
+    index = medium.index
+    if isinstance(index, ExplicitIndex):
+        return index.phase
+    if isinstance(index, WaterIndex):
+        return float(refraction.water_phase_index(wavelength_m, index.temperature_c, index.salinity_psu))
+    assert isinstance(index, AirIndex)
+    return float(refraction.air_phase_index(wavelength_m, index.temperature_c, index.pressure_pa))
+
+
+def group_index(medium: Medium, wavelength_m: float) -> float:
+    """Group refractive index of the medium at the vacuum wavelength: pulses travel at c/n_g."""
+    index = medium.index
+    if isinstance(index, ExplicitIndex):
+        return index.group
+    if isinstance(index, WaterIndex):
+        return float(refraction.water_group_index(wavelength_m, index.temperature_c, index.salinity_psu))
+    assert isinstance(index, AirIndex)
+    return float(refraction.air_group_index(wavelength_m, index.temperature_c, index.pressure_pa))
+
+
+def optics_pulse(pulse: Pulse) -> waveforms.Pulse:
+    """The pulse of `optics` that a spec describes (same name, same fields)."""
+    made: waveforms.Pulse = getattr(waveforms, type(pulse).__name__)(**pulse.model_dump(exclude={"kind"}))
+    return made
+
+
+def optics_gate(gate: Gate) -> waveforms.Gate:
+    """The gate of `optics` that a spec describes (same name, same fields)."""
+    made: waveforms.Gate = getattr(waveforms, type(gate).__name__)(**gate.model_dump(exclude={"kind"}))
+    return made
+
+
+def declared_rig(scene: Scene) -> dict[str, Any]:
+    """Plain data of the instrument as declared (attribute `rig` of a capture).
+
+    `scene.declared` is applied over rig and medium first, and validated like any spec.
+
+    Raises:
+        InputError: a declared path or value that is not allowed.
+    """
+    data = scene.rig.model_dump(mode="json") | {"medium": scene.medium.model_dump(mode="json")}
+    if scene.declared:
+        data = apply_overrides(data, scene.declared)
+    where = f"{scene.name}: declared"
+    medium = validate_spec(Medium, data.pop("medium"), where)
+    rig = validate_spec(GatedRig, data, where)
+    camera, laser = rig.camera, rig.laser
+    step = _sample_step(rig)
+    pulse_start, pulse_value = waveforms.sample_pulse(optics_pulse(laser.pulse), step)
+    gates = [waveforms.sample_gate(optics_gate(gate), step) for gate in rig.gates]
+    return {
+        "schema": 1,
+        "kind": rig.kind,
+        "name": scene.name,
+        "camera": camera.model_dump(mode="json")
+        | {"principal_row_px": (camera.rows - 1) / 2, "principal_col_px": (camera.cols - 1) / 2},
+        "laser": {
+            "wavelength_m": laser.wavelength_m,
+            "pulse_energy_j": laser.pulse_energy_j,
+            "position_m": list(laser.position_m),
+            "profile": laser.illumination.profile,
+            "half_angle_rad": laser.illumination.half_angle_rad,
+            "offset_rad": list(laser.illumination.offset_rad),
+            "energy_fluctuation": laser.energy_fluctuation,
+            "jitter_shot_s": laser.jitter_shot_s,
+            "jitter_frame_s": laser.jitter_frame_s,
+        },
+        "pulse": {"start_s": float(pulse_start), "step_s": step, "value": _rounded(pulse_value)},
+        "gates": [{"start_s": float(s), "step_s": step, "value": _rounded(v)} for s, v in gates],
+        "gate_offset_s": None if rig.gate_map is None else rig.gate_map.model_dump(mode="json"),
+        "medium": {
+            "name": medium.name,
+            "phase_index": phase_index(medium, laser.wavelength_m),
+            "group_index": group_index(medium, laser.wavelength_m),
+            "absorption_per_m": medium.absorption_per_m,
+            "scattering_per_m": medium.scattering_per_m,
+        },
+        "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
+        "ambient_e_per_s": rig.ambient_e_per_s,
+        "pulses_per_slice": rig.pulses_per_slice,
+        "t0_s": rig.t0_s,
+    }
+
+
+def _sample_step(rig: GatedRig) -> float:
+    """One even step for pulse and gates: fine against the pulse and against every gate's width."""
+    pulse = optics_pulse(rig.laser.pulse)
+    sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
+    widths = [2.0 * sigma]
+    for gate in rig.gates:
+        low, high = waveforms.gate_support(optics_gate(gate))
+        widths.append(float(high - low) / 2)
+    # Steps of 1 ps and multiples keep the numbers readable; a gate far longer than the pulse does not coarsen it.
+    return max(round(min(widths) / _SAMPLES_PER_WIDTH * 1e12), 1) * 1e-12
+
+
+def _rounded(values: Any) -> list[float]:
+    """Nine significant digits: far below any calibration, and half the size in JSON."""
+    return [float(f"{v:.9g}") for v in np.asarray(values)]

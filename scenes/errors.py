@@ -1,0 +1,44 @@
+"""The one error for bad input: what, where, value, what is allowed, and the next step. The command line exits with 2."""
+
+from __future__ import annotations
+
+__all__ = ["InputError"]
+
+
+class InputError(ValueError):
+    """A user's input that cannot be used.
+
+    Main arguments:
+        what: what is wrong, one sentence.
+    Other arguments:
+        where: file, key path or argument that holds it.
+        value: the offending value, shown shortened.
+        allowed: what would be accepted.
+        next_step: a command or action that helps.
+    """
+
+    def __init__(
+        self, what: str, *, where: str = "", value: object = None, allowed: str = "", next_step: str = ""
+    ) -> None:
+        self.what, self.where, self.value, self.allowed, self.next_step = what, where, value, allowed, next_step
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        lines = [self.what]
+        if self.where:
+            lines.append(f"  where:   {self.where}")
+        if self.value is not None:
+            shown = repr(self.value)
+            lines.append(f"  value:   {shown if len(shown) <= 200 else shown[:197] + '...'}")
+        if self.allowed:
+            lines.append(f"  allowed: {self.allowed}")
+        if self.next_step:
+            lines.append(f"  next:    {self.next_step}")
+        return "\n".join(lines)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (self.what, self.where, self.value, self.allowed, self.next_step))
+
+
+def _rebuild(what: str, where: str, value: object, allowed: str, next_step: str) -> InputError:
+    return InputError(what, where=where, value=value, allowed=allowed, next_step=next_step)

@@ -1,0 +1,152 @@
+"""Load a scene from the library, a file or plain data. Files are data (TOML or JSON): no code is ever run from them."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from .errors import InputError
+from .overrides import apply_overrides
+from .scene import Scene
+
+__all__ = ["LIBRARY", "list_scenes", "load_scene", "read_spec_file", "validate_spec"]
+
+#: Folder of the scenes that ship with the project.
+LIBRARY = Path(__file__).parent / "library"
+
+SpecT = TypeVar("SpecT", bound=BaseModel)
+
+_MAX_BYTES = 64 * 2**20
+
+
+def list_scenes() -> list[str]:
+    """Names of the scenes in the library, sorted."""
+    return sorted(path.stem for path in LIBRARY.glob("*.toml"))
+
+
+def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mapping[str, Any] | None = None) -> Scene:
+    """Load and validate a scene.
+
+    Main arguments:
+        source: a name in the library, a path to a .toml or .json file, plain data, or a Scene.
+        overrides: {path: value}, applied before validation.
+
+    Relative mesh and grid files are looked up beside the scene file, then in the library.
+
+    Raises:
+        InputError: unknown name, unreadable file, unknown key, missing or impossible value.
+    """
+    if isinstance(source, Scene):
+        if not overrides:
+            return source
+        data, where = source.model_dump(mode="json"), source.name
+    elif isinstance(source, Mapping):
+        data, where = dict(source), "scene data"
+    else:
+        path = _find(str(source))
+        data, where = _anchor(read_spec_file(path), path.parent), str(source)
+    if overrides:
+        data = apply_overrides(data, overrides)
+    return validate_spec(Scene, data, where)
+
+
+def _find(source: str) -> Path:
+    inside = LIBRARY / f"{source}.toml"
+    if "/" not in source and inside.is_file():
+        return inside
+    path = Path(source).expanduser()
+    if path.suffix in {".toml", ".json"} and path.is_file():
+        return path
+    near = difflib.get_close_matches(source, list_scenes(), n=3, cutoff=0.4)
+    raise InputError(
+        "There is no such scene.",
+        where="scene",
+        value=source,
+        allowed="a path to a .toml or .json file, or one of: " + ", ".join(list_scenes()),
+        next_step=f"did you mean {' or '.join(near)}?" if near else "beambench scenes list",
+    )
+
+
+def read_spec_file(path: Path) -> dict[str, Any]:
+    """Read a TOML or JSON file into plain data.
+
+    Raises:
+        InputError: unreadable, too large, or not well formed.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError("The file is too large for a spec.", where=str(path), value=path.stat().st_size)
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("The file cannot be read.", where=str(path), value=str(error)) from error
+    try:
+        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (json.JSONDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError("The file is not well formed.", where=str(path), value=str(error)) from error
+    if not isinstance(data, dict):
+        raise InputError("A spec is a table of keys.", where=str(path), value=type(data).__name__)
+    return data
+
+
+def _anchor(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Make relative file names of shapes point beside the scene file (or into the library)."""
+    objects = data.get("target")
+    if isinstance(objects, list):
+        for item in objects:
+            shape = item.get("shape") if isinstance(item, dict) else None
+            name = shape.get("file") if isinstance(shape, dict) else None
+            if isinstance(name, str) and not name.startswith("library:") and not Path(name).expanduser().is_absolute():
+                shape["file"] = str((folder / name).resolve())
+    return data
+
+
+def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> SpecT:
+    """Validate plain data against a spec, turning pydantic's errors into one `InputError` that names every path.
+
+    Validation is strict: "5" is not a number and true is not 1.
+    """
+    try:
+        text = json.dumps(data, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "A spec holds only finite numbers, strings, lists and tables.", where=where, value=str(error)
+        ) from error
+    try:
+        return model.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        first, *rest = error.errors(include_url=False)
+        path = ".".join(str(part) for part in first["loc"]) or "(whole)"
+        what = {"missing": "A value is missing; physical values have no default.", "extra_forbidden": "Unknown key."}
+        more = "".join(
+            f"\n           also {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in rest[:8]
+        )  # one message for all, so that a user mends a file in one go
+        raise InputError(
+            what.get(first["type"], "A value is not allowed."),
+            where=f"{where}: {path}",
+            value=None if first["type"] == "missing" else first.get("input"),
+            allowed=first["msg"] + more + _near_keys(model, first),
+            next_step="beambench scenes show flat-wall   (a complete example)",
+        ) from error
+
+
+def _near_keys(model: type[BaseModel], error: Any) -> str:
+    """For an unknown key: the keys of the same name-like elsewhere in the spec."""
+    if error["type"] != "extra_forbidden":
+        return ""
+    known: set[str] = set()
+    todo: list[Any] = [model.model_json_schema()]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, dict):
+            known.update(node.get("properties", {}))
+            todo.extend(node.values())
+        elif isinstance(node, list):
+            todo.extend(node)
+    near = difflib.get_close_matches(str(error["loc"][-1]), sorted(known), n=3)
+    return f"; did you mean {' or '.join(near)}?" if near else ""

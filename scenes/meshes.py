@@ -1,0 +1,172 @@
+"""Shapes to triangle meshes: trimesh loads, repairs and measures every mesh; grids become meshes here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .load import LIBRARY
+from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
+
+__all__ = ["MeshArrays", "load_grid", "resolve_file", "rotation_matrix", "shape_mesh"]
+
+#: Vertices (n, 3) in metres, camera frame; faces (m, 3), counter-clockwise seen from outside or from the camera.
+MeshArrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+_MAX_FILE_BYTES = 2**31
+_MESH_SUFFIXES = {".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3mf", ".gz"}
+
+
+def resolve_file(name: str, where: str) -> Path:
+    """The file that a shape names: `library:NAME` lies in the library, all else is a path.
+
+    Raises:
+        InputError: a library name that is not a bare file name, or no such file.
+    """
+    if name.startswith("library:"):
+        bare = name.removeprefix("library:")
+        if Path(bare).name != bare:
+            raise InputError("A library file is a bare name.", where=where, value=name)
+        path = LIBRARY / bare
+    else:
+        path = Path(name).expanduser()
+    if not path.is_file():
+        raise InputError("There is no such file.", where=where, value=name, allowed="an existing mesh or grid file")
+    if path.stat().st_size > _MAX_FILE_BYTES:
+        raise InputError("The file is too large.", where=where, value=path.stat().st_size, allowed="up to 2 GiB")
+    return path
+
+
+def rotation_matrix(rotation_deg: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Right-handed rotation about x, then y, then z (fixed axes): R = Rz Ry Rx."""
+    ax, ay, az = np.deg2rad(rotation_deg)
+    cx, sx, cy, sy, cz, sz = np.cos(ax), np.sin(ax), np.cos(ay), np.sin(ay), np.cos(az), np.sin(az)
+    rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return np.asarray(rz @ ry @ rx)
+
+
+def shape_mesh(shape: Shape, where: str) -> MeshArrays:
+    """Triangles of a shape (a sphere has none: it is intersected exactly).
+
+    Raises:
+        InputError: an unreadable or empty mesh or grid file.
+    """
+    if isinstance(shape, Rectangle):
+        return _rectangle(shape)
+    if isinstance(shape, Box):
+        return _box(shape)
+    if isinstance(shape, HeightGrid):
+        return _height_grid(shape, where)
+    if isinstance(shape, MeshFile):
+        return _mesh_file(shape, where)
+    raise TypeError(f"no mesh for {type(shape).__name__}")
+
+
+def _rectangle(shape: Rectangle) -> MeshArrays:
+    w, h = shape.width_m / 2, shape.height_m / 2
+    corners = np.array([[-w, -h, 0], [w, -h, 0], [w, h, 0], [-w, h, 0]], dtype=float)
+    turned = corners @ rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0)).T
+    return turned + np.asarray(shape.center_m), np.array([[0, 2, 1], [0, 3, 2]])
+
+
+def _box(shape: Box) -> MeshArrays:
+    import trimesh
+
+    box = trimesh.creation.box(extents=shape.size_m)
+    vertices = np.asarray(box.vertices) @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m)
+    return vertices, np.asarray(box.faces, dtype=np.int64)
+
+
+def load_grid(name: str, where: str) -> NDArray[np.float64]:
+    """Read a height grid: .npy, or .npz with exactly one 2-D array. Pickled content is refused.
+
+    Raises:
+        InputError: not such a file, too small, not finite, or flat.
+    """
+    path = resolve_file(name, where)
+    try:
+        with open(path, "rb") as stream:
+            loaded: Any = np.load(stream, allow_pickle=False)
+            if isinstance(loaded, np.lib.npyio.NpzFile):
+                arrays = [loaded[key] for key in loaded.files]
+                arrays = [a for a in arrays if a.ndim == 2]
+                grid = arrays[0] if len(arrays) == 1 else None
+            else:
+                grid = loaded
+    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds on a damaged file
+        raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error}") from error
+    if grid is None or grid.ndim != 2 or min(grid.shape) < 2 or not np.issubdtype(grid.dtype, np.number):
+        raise InputError("The file holds no grid of heights.", where=where, value=name, allowed="one 2-D array, ≥ 2×2")
+    heights = np.asarray(grid, dtype=np.float64)
+    if not np.isfinite(heights).all() or np.ptp(heights) <= 0:
+        raise InputError("Heights must be finite and not all equal.", where=where, value=name)
+    return heights
+
+
+def _height_grid(shape: HeightGrid, where: str) -> MeshArrays:
+    heights = load_grid(shape.file, where)
+    rows, cols = heights.shape
+    pitch = shape.width_m / (cols - 1)
+    x = (np.arange(cols) - (cols - 1) / 2) * pitch
+    y = (np.arange(rows) - (rows - 1) / 2) * pitch
+    relief = (heights - heights.min()) / np.ptp(heights) * shape.relief_m
+    vertices = np.stack([*np.meshgrid(x, y), -relief], axis=-1).reshape(-1, 3)
+    vertices = vertices @ rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0)).T + np.asarray(shape.center_m)
+    index = np.arange(rows * cols).reshape(rows, cols)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (a, d, c))])
+    return vertices, faces
+
+
+def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
+    import trimesh
+
+    path = resolve_file(shape.file, where)
+    if path.suffix.lower() not in _MESH_SUFFIXES:
+        raise InputError(
+            "This kind of mesh file is not read.", where=where, value=path.name, allowed=", ".join(_MESH_SUFFIXES)
+        )
+    try:
+        if path.suffix.lower() == ".gz":
+            mesh = _load_gz(path)
+        else:
+            mesh = trimesh.load(str(path), force="mesh", process=True, skip_materials=True)
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        faces = np.asarray(mesh.faces, dtype=np.int64)
+    except InputError:
+        raise
+    except Exception as error:  # loaders raise whatever their parsers raise
+        raise InputError("The mesh cannot be read.", where=where, value=f"{shape.file}: {error}") from error
+    if len(faces) == 0 or len(vertices) < 3:
+        raise InputError("The mesh is empty.", where=where, value=shape.file, allowed="at least one triangle")
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError("The mesh has broken vertices or faces.", where=where, value=shape.file)
+    trimesh.repair.fix_normals(mesh)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = float((high - low).max())
+    if extent <= 0:
+        raise InputError("The mesh has no extent.", where=where, value=shape.file)
+    vertices = (vertices - (low + high) / 2) * (shape.size_m / extent)
+    return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), faces
+
+
+def _load_gz(path: Path) -> Any:
+    """A gzipped mesh, read with a bound on its size (a small file can unpack to a huge one)."""
+    import gzip
+    import io
+
+    import trimesh
+
+    kind = Path(path.stem).suffix.lower().removeprefix(".")
+    with gzip.open(path, "rb") as stream:
+        content = stream.read(_MAX_FILE_BYTES + 1)
+    if len(content) > _MAX_FILE_BYTES:
+        raise InputError("The unpacked mesh is too large.", where=str(path.name), allowed="up to 2 GiB")
+    return trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=True)
