@@ -18,7 +18,7 @@ from ..scenes.declare import group_index, optics_gate, optics_pulse
 from ..scenes.scene import Scene
 from .echo import albedo_at_normal, echoes
 from .returns import Returns, gather_returns
-from .subsampling import contrast, plan
+from .subsampling import centre_error, lattice, plan
 from .trace import Tracer, pixel_directions
 
 __all__ = ["DirectScene", "gate_tables", "render_direct", "response_width_s"]
@@ -81,8 +81,8 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
     # A uniform spread over the pixel along both axes: variance (g_row² + g_col²)/12.
     spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0)
     shape = (rows, cols)
-    delta = contrast(
-        echo.amplitude.reshape(shape), echo.tau.reshape(shape), hits.target.reshape(shape), spread.reshape(shape), sigma
+    error, bright = centre_error(
+        *(a.reshape(shape) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)), sigma
     )
     # Where the echo brightens toward later times, its centroid is later than the centre ray's: Σ (∂a/a)(∂τ)/12.
     slope_row, slope_col = (_relative_slope(echo.amplitude.reshape(shape), axis).ravel() for axis in (0, 1))
@@ -91,11 +91,10 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
     single = np.ones(rows * cols, dtype=bool)
     parts: list[tuple[Any, ...]] = []
     rays = rows * cols
-    for group in plan(delta, _brightest_near(echo.amplitude.reshape(shape)), rtol):
+    for group in plan(error, bright, rtol):
         n = group.n
         single[group.pixel] = False
-        ticks = (np.arange(n) + 0.5) / n - 0.5
-        d_row, d_col = (a.ravel() for a in np.meshgrid(ticks, ticks, indexing="ij"))
+        d_row, d_col = lattice(n * n)
         sub_row = (row[group.pixel, None] + d_row).ravel()
         sub_col = (col[group.pixel, None] + d_col).ravel()
         sub_direction = pixel_directions(camera, sub_row, sub_col)
@@ -109,13 +108,6 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
     returns, first, last = gather_returns(rows * cols, *joined, width_s=_MERGE_SIGMAS * sigma)
     truth = _truth(scene, direction, hits, echo, returns, first, last, fwhm)
     return DirectScene(returns, {name: _shaped(value, shape) for name, value in truth.items()}, rays)
-
-
-def _brightest_near(amplitude: Float) -> Float:
-    """The largest amplitude in the 3×3 neighbourhood: an edge pixel may see dark at its centre and light beside."""
-    padded = np.pad(amplitude, 1, mode="edge")
-    rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
-    return np.asarray(np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
 
 
 def _relative_slope(amplitude: Float, axis: int) -> Float:

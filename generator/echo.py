@@ -101,16 +101,17 @@ def echoes(scene: Scene, tracer: Tracer, direction: Float, hits: Hits) -> Echoes
         if mine.any():
             part = Angles(a.cos_i[mine], a.cos_o[mine], a.cos_h[mine], a.cos_d[mine], a.cos_r[mine])
             reflected[mine] = response(item.material)(part)
-    attenuation = np.exp(-medium.attenuation_per_m * (r1 + r2)) if medium.attenuation_per_m else 1.0
     amplitude = rig.pulses_per_slice * ladar.pixel_photoelectrons(
         pulse_energy_j=laser.pulse_energy_j,
-        radiant_intensity_per_sr=intensity,
-        range_laser_m=r1,
+        intensity_per_sr=intensity,
+        lamp_range_m=r1,
+        camera_range_m=r2,
+        attenuation_per_m=medium.attenuation_per_m,
         response_per_sr=reflected,
         pixel_area_m2=camera.pixel_pitch_m**2,
         f_number=camera.f_number,
         cos_field=direction[2] if camera.vignetting == "cos4" else 1.0,
-        transmission=camera.transmission * attenuation,
+        transmission=camera.transmission,
         quantum_efficiency=camera.quantum_efficiency,
         wavelength_m=laser.wavelength_m,
     )

@@ -47,7 +47,7 @@ def generate(
     seed: int,
     capture_key: int | None = None,
     fidelity: Literal["direct"] = "direct",
-    rtol: float = 1e-3,
+    rtol: float = 3e-3,
     truth_electrons: bool = False,
     tracer: Tracer | None = None,
 ) -> xr.Dataset:
