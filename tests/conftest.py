@@ -1,0 +1,38 @@
+"""What all tests share: one thread per worker, the project's folder, the folder of real captures."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Workers already fill the cores. Libraries read these as they load, so they are set before any is imported.
+    for _name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(_name, "1")
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Property tests draw the same examples on every run, and time no example: machines differ."""
+    from hypothesis import settings
+
+    settings.register_profile("beambench", derandomize=True, deadline=None, database=None)
+    settings.load_profile("beambench")
+
+
+@pytest.fixture(scope="session")
+def project() -> Path:
+    """The project's own folder."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of real captures and meshes beside the checkout; skips where it is missing."""
+    folder = ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("the folder of real captures is not beside the project (../shared/data)")
+    return folder
