@@ -1,1 +1,67 @@
-"""beambench."""
+"""The one format of captures, rendered or recorded: schema, truth, provenance; the store that holds them.
+
+- `schema`: variables, dims, dtypes and units of each modality. `make_capture` builds a capture, `validate.validate`
+  checks one.
+- `hide_truth`: what an estimator may see.
+- `write`, `open_captures`, `verify`, `finalize`, `repair`, `status.status`: the checksummed store.
+- `example.example_capture`: arbitrary numbers in the right layout, to try readers and plug-ins on.
+- `provenance.provenance`, `compare_captures`: what is needed to generate again, and whether the same bits came out.
+
+Names load when first used, so that importing this package loads neither xarray nor zarr.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .build import make_capture
+    from .compare import Comparison, compare_captures, compare_stores
+    from .hide import hide_truth
+    from .reader import CaptureSet, open_captures
+    from .recovery import finalize, repair
+    from .schema import SCHEMA_VERSION
+    from .verification import Damage, verify
+    from .writer import CaptureWriter, write
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "CaptureSet",
+    "CaptureWriter",
+    "Comparison",
+    "Damage",
+    "compare_captures",
+    "compare_stores",
+    "finalize",
+    "hide_truth",
+    "make_capture",
+    "open_captures",
+    "repair",
+    "verify",
+    "write",
+]
+
+# No function here has the name of a module: importing the module would replace it.
+_HOME = {
+    "SCHEMA_VERSION": "schema",
+    "CaptureSet": "reader",
+    "CaptureWriter": "writer",
+    "Comparison": "compare",
+    "Damage": "verification",
+    "compare_captures": "compare",
+    "compare_stores": "compare",
+    "finalize": "recovery",
+    "hide_truth": "hide",
+    "make_capture": "build",
+    "open_captures": "reader",
+    "repair": "recovery",
+    "verify": "verification",
+    "write": "writer",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)

@@ -43,7 +43,9 @@ def _point_drjit_to_llvm() -> str:
         return "system"
     for name in _RUNTIME:
         if name in files:
-            ctypes.CDLL(files[name], mode=ctypes.RTLD_GLOBAL)
+            # Local, not global: libLLVM finds them by their sonames, while a global libc++abi would take over the
+            # exceptions of Mitsuba, which is built on libstdc++, and end the process at the first one.
+            ctypes.CDLL(files[name], mode=ctypes.RTLD_LOCAL)
     os.environ["DRJIT_LIBLLVM_PATH"] = files[names[0]]
     return "wheel"
 

@@ -60,7 +60,8 @@ def detect(
     tube = detector.intensifier
     dark = detector.dark_current_e_per_s * detector.exposure_s
     for block, part in blocks(rows):
-        mean = expected[:, part] * pattern.response[part]
+        # A look-up in the table of R may leave −1e-30 beside its support, and NumPy refuses that.
+        mean = np.maximum(expected[:, part], 0) * pattern.response[part]
         if tube is None:
             mean += np.float32(dark)  # the sum of two Poisson draws is one
         n = _poisson(generator(seed, capture_key, Stage.PHOTONS, block), mean)

@@ -97,8 +97,8 @@ def generate(
             )
     from ..captures.provenance import provenance
 
-    declared_t0 = declared_rig(scene)
-    coords["delay"] = coords.pop("setting") + declared_t0["t0_s"]
+    declared = declared_rig(scene)
+    coords["delay"] = coords.pop("setting") + declared["t0_s"]
     coords.pop("actual")
     return make_capture(
         "gated",
@@ -106,13 +106,13 @@ def generate(
         coords=coords,
         truth=truth,
         attrs={
-            "rig": declared_t0,
+            "rig": declared,
             "truth_scene": scene.model_dump(mode="json"),
             "truth_kind": "rendered",
             "seed": seed,
             "capture_key": key,
             "fidelity": {"rung": fidelity, "rtol": rtol, "rays": direct.rays, "effects": effects},
-            "materials": [item.name for item in scene.target],
+            "truth_materials": [item.name for item in scene.target],
             "provenance": provenance(
                 {"seed": seed, "capture_key": key, "fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons}
             ),

@@ -5,11 +5,12 @@ Estimators see this and nothing else of the instrument, so that no closed form o
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ..optics import refraction, waveforms
+from .errors import InputError
 from .load import validate_spec
 from .medium import AirIndex, ExplicitIndex, Medium, WaterIndex
 from .overrides import apply_overrides
@@ -25,36 +26,43 @@ _SAMPLES_PER_WIDTH = 48
 
 def phase_index(medium: Medium, wavelength_m: float) -> float:
     """Phase refractive index of the medium at the vacuum wavelength."""
-    index = medium.index
-    if isinstance(index, ExplicitIndex):
-        return index.phase
-    if isinstance(index, WaterIndex):
-        return float(refraction.water_phase_index(wavelength_m, index.temperature_c, index.salinity_psu))
-    assert isinstance(index, AirIndex)
-    return float(refraction.air_phase_index(wavelength_m, index.temperature_c, index.pressure_pa))
+    return _index(medium, wavelength_m, "phase")
 
 
 def group_index(medium: Medium, wavelength_m: float) -> float:
     """Group refractive index of the medium at the vacuum wavelength: pulses travel at c/n_g."""
+    return _index(medium, wavelength_m, "group")
+
+
+def _index(medium: Medium, wavelength_m: float, which: Literal["phase", "group"]) -> float:
     index = medium.index
-    if isinstance(index, ExplicitIndex):
-        return index.group
-    if isinstance(index, WaterIndex):
-        return float(refraction.water_group_index(wavelength_m, index.temperature_c, index.salinity_psu))
-    assert isinstance(index, AirIndex)
-    return float(refraction.air_group_index(wavelength_m, index.temperature_c, index.pressure_pa))
+    try:
+        if isinstance(index, ExplicitIndex):
+            return index.phase if which == "phase" else index.group
+        if isinstance(index, WaterIndex):
+            water = refraction.water_phase_index if which == "phase" else refraction.water_group_index
+            return float(water(wavelength_m, index.temperature_c, index.salinity_psu))
+        assert isinstance(index, AirIndex)
+        air = refraction.air_phase_index if which == "phase" else refraction.air_group_index
+        return float(air(wavelength_m, index.temperature_c, index.pressure_pa))
+    except ValueError as error:
+        raise InputError(
+            "The medium's index has no formula there.",
+            where="medium.index",
+            value=wavelength_m,
+            allowed=str(error),
+            next_step='give it as numbers: index = { kind = "explicit", phase = ..., group = ... }',
+        ) from error
 
 
 def optics_pulse(pulse: Pulse) -> waveforms.Pulse:
     """The pulse of `optics` that a spec describes (same name, same fields)."""
-    made: waveforms.Pulse = getattr(waveforms, type(pulse).__name__)(**pulse.model_dump(exclude={"kind"}))
-    return made
+    return waveforms.pulse_from_spec(pulse)
 
 
 def optics_gate(gate: Gate) -> waveforms.Gate:
     """The gate of `optics` that a spec describes (same name, same fields)."""
-    made: waveforms.Gate = getattr(waveforms, type(gate).__name__)(**gate.model_dump(exclude={"kind"}))
-    return made
+    return waveforms.gate_from_spec(gate)
 
 
 def declared_rig(scene: Scene) -> dict[str, Any]:

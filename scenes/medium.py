@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .base import Index, NonNegative, Positive, Spec
+from .base import Index, NonNegative, Spec
 
 __all__ = ["AirIndex", "ExplicitIndex", "Medium", "WaterIndex"]
 
@@ -32,7 +32,7 @@ class AirIndex(Spec):
 
     kind: Literal["air"] = "air"
     temperature_c: Annotated[float, Field(ge=-40, le=60)]
-    pressure_pa: Positive
+    pressure_pa: Annotated[float, Field(ge=8e4, le=1.2e5)]
 
 
 class Medium(Spec):

@@ -76,3 +76,17 @@ def test_sphere_is_exact() -> None:
     point = direction[:, mine] * hits.distance[mine]
     normal = (point - np.array([[0.0], [0.0], [4.7]])) / 0.3
     assert np.abs(hits.normal[:, mine] - normal).max() < 2e-4  # float32 hit points over a radius of 0.3 m
+
+
+def test_an_exception_inside_mitsuba_is_an_exception_here() -> None:
+    """libLLVM's C++ runtime must not take over Mitsuba's exceptions: the process would end without a word."""
+    import subprocess
+    import sys
+
+    code = (
+        "import numba, scipy.special\nfrom beambench.generator.backend import mitsuba\nmi = mitsuba()\n"
+        "try:\n    mi.load_dict({'type': 'scene', 'x': {'type': 'no-such-plugin'}})\n"
+        "except Exception as error:\n    print('caught', type(error).__name__)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("caught")

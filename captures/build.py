@@ -1,0 +1,171 @@
+"""Build a capture from plain arrays: dims, units and names from the schema, absent truth of recordings as NaN."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..scenes.errors import InputError
+from .schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable, modality_schema
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["as_json", "make_capture"]
+
+
+def make_capture(
+    modality: str,
+    data: Mapping[str, Any],
+    coords: Mapping[str, Any],
+    truth: Mapping[str, Any],
+    attrs: Mapping[str, Any],
+) -> xr.Dataset:
+    """One capture as an `xarray.Dataset` that passes `validate`.
+
+    Main arguments:
+        modality: "gated", "waveform", "amcw", "laser_line" or "wavefront".
+        data: arrays by name, e.g. `counts` (slice, row, col) in DN; optional `dark`, `flat`.
+        coords: coordinates by name, e.g. `delay` (slice) in s; a scalar is repeated along the dimension.
+        truth: arrays by name, each starting with `truth_`. With `truth_kind` "rendered" all that the schema requires
+            must be there; otherwise what is absent is filled with NaN (codes −1, flags False).
+        attrs: at least `rig` and `truth_kind`; mappings and lists become JSON texts. `schema_version` and `modality`
+            are set here.
+
+    Arrays are kept as they are where their dtype is allowed, else turned into the schema's dtype if no value changes.
+    An `xarray.DataArray` may carry `units` out of those that the schema allows. Raises InputError.
+    """
+    import xarray as xr
+
+    from .validate import validate
+
+    schema = modality_schema(modality)
+    groups = {"data": data, "coord": coords, "truth": truth}
+    for role, group in groups.items():
+        allowed = [name for name, variable in schema.items() if variable.role == role]
+        for name in group:
+            if name not in allowed:
+                raise InputError(
+                    f"a {modality} capture has no {role} variable of this name",
+                    where=f"{role} {name}", value=name, allowed=", ".join(allowed),
+                )  # fmt: skip
+    attributes = _attributes(modality, attrs)
+    sizes: dict[str, int] = dict(FIXED_SIZES)
+    arrays: dict[str, tuple[tuple[str, ...], np.ndarray[Any, Any], dict[str, str]]] = {}
+    for variable in schema.values():
+        value = groups[variable.role].get(variable.name)
+        if value is None or (variable.role == "coord" and np.ndim(value) == 0):
+            continue
+        array = np.asarray(value)
+        dims = _dims_of(variable, array)
+        for dim, size in zip(dims, array.shape, strict=True):
+            if sizes.setdefault(dim, size) != size:
+                raise InputError(
+                    f"{variable.name} does not fit the other variables along {dim}",
+                    where=variable.name, value=array.shape, allowed=f"{dim} = {sizes[dim]}",
+                )  # fmt: skip
+        arrays[variable.name] = (dims, _as_allowed_dtype(variable, array), _variable_attributes(variable, value))
+    for variable in schema.values():
+        if variable.name in arrays:
+            continue
+        scalar = groups[variable.role].get(variable.name)
+        if scalar is not None:
+            shape = tuple(sizes.get(dim, 1) for dim in variable.dims)
+            filled = _as_allowed_dtype(variable, np.full(shape, scalar))
+        elif variable.required and variable.role == "truth" and attributes["truth_kind"] != "rendered":
+            filled = _absent(variable, sizes)
+        elif variable.required:
+            raise InputError(
+                f"a {modality} capture needs {variable.name}",
+                where=variable.role, allowed=f"{variable.name}({','.join(variable.dims)}) in {variable.units[0]}",
+                next_step="give truth_kind other than rendered to have absent truth filled with NaN"
+                if variable.role == "truth" else "",
+            )  # fmt: skip
+        else:
+            continue
+        arrays[variable.name] = (variable.dims, filled, _variable_attributes(variable, scalar))
+    dataset = xr.Dataset(
+        {name: entry for name, entry in arrays.items() if schema[name].role != "coord"},
+        {name: entry for name, entry in arrays.items() if schema[name].role == "coord"},
+        attributes,
+    )
+    validate(dataset, "values")
+    return dataset
+
+
+def as_json(value: object, where: str) -> str:
+    """`value` as JSON text; a text is kept if it is JSON. Raises InputError for what JSON cannot hold."""
+    try:
+        if isinstance(value, str):
+            json.loads(value)
+            return value
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(
+            f"not representable as JSON: {error}", where=where, value=value, allowed="JSON without NaN or infinity"
+        ) from error
+
+
+def _attributes(modality: str, attrs: Mapping[str, Any]) -> dict[str, Any]:
+    result: dict[str, Any] = {"schema_version": SCHEMA_VERSION, "modality": modality}
+    for name, value in attrs.items():
+        if value is None:
+            continue
+        if name in JSON_ATTRIBUTES:
+            result[name] = as_json(value, f"attribute {name}")
+        else:
+            result[name] = value.item() if isinstance(value, np.generic) else value
+    if result["schema_version"] != SCHEMA_VERSION or result["modality"] != modality:
+        raise InputError(
+            "schema_version and modality are set by make_capture",
+            where="attrs", value={name: result[name] for name in ("schema_version", "modality")},
+            allowed=f"schema_version {SCHEMA_VERSION}, modality {modality}",
+        )  # fmt: skip
+    if result.get("truth_kind") not in TRUTH_KINDS:
+        raise InputError(
+            "a capture says where its truth comes from",
+            where="attribute truth_kind", value=result.get("truth_kind"), allowed=", ".join(TRUTH_KINDS),
+        )  # fmt: skip
+    return result
+
+
+def _dims_of(variable: Variable, array: np.ndarray[Any, Any]) -> tuple[str, ...]:
+    for dims in variable.allowed_dims:
+        if len(dims) == array.ndim:
+            return dims
+    allowed = " or ".join(f"({','.join(dims)})" for dims in variable.allowed_dims)
+    raise InputError(
+        f"{variable.name} has the wrong number of dimensions", where=variable.name, value=array.shape, allowed=allowed
+    )
+
+
+def _as_allowed_dtype(variable: Variable, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    if array.dtype.name in variable.dtypes and array.dtype.isnative:
+        return array
+    target = np.dtype(variable.dtypes[0])
+    if array.dtype.kind in "biufc":
+        # Counts are never turned silently into another type: their type says what the instrument delivered.
+        exact = variable.name != "counts" and (target.kind != "b" or array.dtype.kind == "b")
+        with np.errstate(all="ignore"):
+            turned = array.astype(target) if exact and np.can_cast(array.dtype, target, "unsafe") else None
+        if turned is not None and np.array_equal(turned, array, equal_nan=array.dtype.kind in "fc"):
+            return turned
+    raise InputError(
+        f"{variable.name} has a dtype that a capture does not hold",
+        where=variable.name, value=str(array.dtype), allowed=", ".join(variable.dtypes),
+    )  # fmt: skip
+
+
+def _variable_attributes(variable: Variable, value: object) -> dict[str, str]:
+    units = getattr(value, "attrs", {}).get("units", variable.units[0])
+    return {"units": units, "long_name": variable.long_name}
+
+
+def _absent(variable: Variable, sizes: Mapping[str, int]) -> np.ndarray[Any, Any]:
+    # A dimension that only truth has (return, lenslet, mode) gets length 1 in a recording without truth.
+    dtype = np.dtype(variable.dtypes[0])
+    fill = {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}[dtype.kind]
+    return np.full(tuple(sizes.get(dim, 1) for dim in variable.dims), fill, dtype)

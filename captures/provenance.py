@@ -1,0 +1,83 @@
+"""What made a capture: versions, processor and the generator's arguments, so that it can be made again.
+
+Equal bits are promised for equal versions and processor features. Nothing names a person, a machine or a folder, and
+no clock is read: two runs on one machine have equal provenance.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Mapping
+from functools import cache
+from importlib import metadata
+from typing import Any
+
+from ..scenes.errors import InputError
+
+__all__ = ["cpu", "provenance", "versions"]
+
+_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mitsuba", "drjit", "mitransient")
+_ONLY_IF_LOADED = ("scipy", "numba", "llvmlite", "mitsuba", "drjit", "mitransient")
+_FEATURES = (
+    "sse2", "sse4_1", "sse4_2", "avx", "f16c", "fma", "avx2", "avx512f", "avx512bw", "avx512cd", "avx512dq",
+    "avx512vl", "avx512_fp16", "avx512_bf16", "amx_tile", "asimd", "fphp", "asimdhp", "sve", "sve2",
+)  # fmt: skip
+
+
+def provenance(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Provenance of a capture as a JSON object.
+
+    Main arguments:
+        arguments: all that the generator was called with (scene, seed, capture_key, fidelity, rtol, ...), JSON values.
+
+    Packages that take part only in some scenes are listed if they are loaded. Raises InputError for arguments that
+    JSON cannot hold.
+    """
+    try:
+        kept = json.loads(json.dumps(dict(arguments), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"arguments are not representable as JSON: {error}", where="provenance", allowed="JSON without NaN"
+        ) from error
+    return {
+        "beambench": _version("beambench"),
+        "python": platform.python_version(),
+        "implementation": platform.python_implementation(),
+        "packages": versions(),
+        "platform": {"system": platform.system(), "machine": platform.machine(), "libc": " ".join(platform.libc_ver())},
+        "cpu": cpu(),
+        "arguments": kept,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that shape the bits of a capture."""
+    names = [name for name in _PACKAGES if name not in _ONLY_IF_LOADED or name in sys.modules]
+    return {name: _version(name) for name in names}
+
+
+@cache
+def cpu() -> dict[str, Any]:
+    """Model and vector features of the processor: kernels choose their instructions, and so their rounding, by them."""
+    fields: dict[str, str] = {}
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+            for line in file:
+                key, _, value = line.partition(":")
+                fields.setdefault(key.strip(), value.strip())
+    except OSError:
+        return {"model": platform.processor() or "unknown", "features": None}
+    flags = (fields.get("flags") or fields.get("Features") or "").split()
+    return {
+        "model": fields.get("model name") or fields.get("CPU part") or "unknown",
+        "features": [name for name in _FEATURES if name in flags],
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "not installed as a package"

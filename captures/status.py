@@ -1,0 +1,46 @@
+"""What a folder holds: a store, an unfinished one, or neither; how many captures, how large."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from .journal import has_header, read_journal
+from .manifest import load_manifest
+from .publish import is_store, partial_of
+
+__all__ = ["StoreStatus", "status"]
+
+
+@dataclass(frozen=True)
+class StoreStatus:
+    """State of one folder. `n_bytes` is its size on disk, `unfinished` the partial store beside a complete one."""
+
+    path: Path
+    state: Literal["complete", "unfinished", "absent", "other"]
+    modality: str = ""
+    count: int = 0
+    n_bytes: int = 0
+    unfinished: Path | None = None
+
+
+def status(path: str | os.PathLike[str]) -> StoreStatus:
+    """Look at `path` without reading captures. Raises InputError where a manifest or journal is damaged."""
+    given = Path(path)
+    partial = given if given.name.endswith(".partial") else partial_of(given)
+    if given != partial and is_store(given):
+        manifest = load_manifest(given)
+        beside = partial if is_store(partial) else None
+        return StoreStatus(given, "complete", manifest.modality, manifest.count, _size(given), beside)
+    if is_store(partial):
+        if not has_header(partial):
+            return StoreStatus(partial, "unfinished", n_bytes=_size(partial))
+        journal = read_journal(partial)
+        return StoreStatus(partial, "unfinished", journal.modality, len(journal.records), _size(partial))
+    return StoreStatus(given, "other" if os.path.lexists(given) else "absent")
+
+
+def _size(folder: Path) -> int:
+    return sum(os.lstat(Path(root) / name).st_size for root, _, names in os.walk(folder) for name in names)

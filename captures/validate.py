@@ -1,0 +1,157 @@
+"""Check a capture against the schema; each refusal names the variable, what it is and what is allowed."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..scenes.errors import InputError
+from .schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable, modality_schema
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["check_schema_version", "validate"]
+
+
+def validate(capture: xr.Dataset, level: Literal["layout", "values"] = "values", *, where: str = "capture") -> None:
+    """Raise InputError unless `capture` (one, without a `capture` dimension) keeps the contract.
+
+    Main arguments:
+        capture: the dataset to check.
+        level: "layout" checks attributes, names, dims, dtypes and units; "values" also reads coordinates: delays
+            finite, gate index within the rig's gates, pulses not negative; and truth: ranges positive or NaN.
+    Other arguments:
+        where: named in errors (a file, say).
+    """
+    if level not in ("layout", "values"):
+        raise InputError("unknown level of validation", where="level", value=level, allowed="layout, values")
+    check_schema_version(capture.attrs.get("schema_version"), where)
+    schema = modality_schema(capture.attrs.get("modality"))
+    rig = _check_attributes(capture, where)
+    variables = {str(name): array for name, array in capture.variables.items()}
+    for name in variables:
+        if name not in schema:
+            raise InputError(
+                f"a {capture.attrs['modality']} capture has no variable of this name",
+                where=f"{where}: {name}", value=name, allowed=", ".join(schema),
+            )  # fmt: skip
+    for name, variable in schema.items():
+        if name in variables:
+            _check_variable(variable, variables[name], name in capture.coords, where)
+        elif variable.required:
+            raise InputError(
+                f"the capture lacks {name}",
+                where=where, allowed=f"{name}({','.join(variable.dims)}) in {variable.units[0]}",
+            )  # fmt: skip
+    for dim, size in FIXED_SIZES.items():
+        if capture.sizes.get(dim, size) != size:
+            raise InputError(
+                f"dimension {dim} has a fixed size", where=where, value=capture.sizes[dim], allowed=f"{size}"
+            )
+    counts = variables.get("counts")
+    averaged = capture.attrs.get("averaged", False)
+    if counts is not None and (counts.dtype == np.float32) != bool(averaged):
+        raise InputError(
+            "counts are uint16, or float32 with attribute averaged = True",
+            where=f"{where}: counts", value=f"{counts.dtype}, averaged={averaged}",
+            allowed="uint16, or float32 averaged",
+        )  # fmt: skip
+    if level == "values":
+        _check_values(capture, rig, where)
+
+
+def check_schema_version(version: object, where: str) -> None:
+    """Raise InputError unless `version` is the one that this code reads."""
+    if not isinstance(version, int | np.integer) or isinstance(version, bool) or int(version) != SCHEMA_VERSION:
+        raise InputError(
+            "the capture was written under another version of the schema" if version is not None
+            else "not a capture: it has no schema_version",
+            where=f"{where}: attribute schema_version", value=version, allowed=f"{SCHEMA_VERSION}",
+            next_step="read it with the beambench that wrote it, or generate or import it anew",
+        )  # fmt: skip
+
+
+def _check_attributes(capture: xr.Dataset, where: str) -> dict[str, Any]:
+    attrs = capture.attrs
+    if attrs.get("truth_kind") not in TRUTH_KINDS:
+        raise InputError(
+            "the capture does not say where its truth comes from",
+            where=f"{where}: attribute truth_kind", value=attrs.get("truth_kind"), allowed=", ".join(TRUTH_KINDS),
+        )  # fmt: skip
+    parsed: dict[str, Any] = {}
+    for name in JSON_ATTRIBUTES:
+        if name not in attrs:
+            continue
+        try:
+            if not isinstance(attrs[name], str):
+                raise TypeError(f"{type(attrs[name]).__name__}, not text")
+            parsed[name] = json.loads(attrs[name])
+        except (TypeError, ValueError, RecursionError) as error:
+            raise InputError(
+                f"attribute {name} is not JSON text: {error}",
+                where=f"{where}: attribute {name}", value=attrs[name], allowed="JSON text",
+            ) from error  # fmt: skip
+    if not isinstance(parsed.get("rig"), dict):
+        raise InputError(
+            "the capture does not declare its rig",
+            where=f"{where}: attribute rig", value=attrs.get("rig"), allowed="JSON text of an object",
+        )  # fmt: skip
+    rig: dict[str, Any] = parsed["rig"]
+    return rig
+
+
+def _check_variable(variable: Variable, array: xr.Variable, is_coord: bool, where: str) -> None:
+    place = f"{where}: {variable.name}"
+    if tuple(array.dims) not in variable.allowed_dims:
+        allowed = " or ".join(f"({','.join(dims)})" for dims in variable.allowed_dims)
+        raise InputError(f"{variable.name} has the wrong dims", where=place, value=tuple(array.dims), allowed=allowed)
+    if str(array.dtype) not in variable.dtypes:
+        raise InputError(
+            f"{variable.name} has the wrong dtype",
+            where=place, value=str(array.dtype), allowed=", ".join(variable.dtypes),
+        )  # fmt: skip
+    if 0 in array.shape:
+        raise InputError(f"{variable.name} is empty", where=place, value=array.shape, allowed="each size ≥ 1")
+    if array.attrs.get("units") not in variable.units:
+        raise InputError(
+            f"{variable.name} has the wrong units",
+            where=place, value=array.attrs.get("units"), allowed=", ".join(variable.units),
+        )  # fmt: skip
+    if not array.attrs.get("long_name"):
+        raise InputError(f"{variable.name} has no long_name", where=place, allowed=variable.long_name)
+    if is_coord != (variable.role == "coord"):
+        kind = "a coordinate" if variable.role == "coord" else "a data variable"
+        raise InputError(f"{variable.name} must be {kind}", where=place, allowed=kind)
+
+
+def _check_values(capture: xr.Dataset, rig: dict[str, Any], where: str) -> None:
+    modality = capture.attrs["modality"]
+    finite = {"waveform": ("time",), "amcw": ("frequency", "phase")}.get(modality, ("delay",))
+    for name in finite:
+        if name in capture.coords and not np.isfinite(capture[name].values).all():
+            raise InputError(f"{name} must be finite", where=f"{where}: {name}", value=_first_bad(capture[name].values))
+    for name in ("gate", "pulses"):
+        if name in capture.coords and (values := capture[name].values).min() < 0:
+            raise InputError(f"{name} is negative", where=f"{where}: {name}", value=int(values.min()), allowed="≥ 0")
+    gates = rig.get("gates")
+    if modality == "gated" and isinstance(gates, list) and int(capture["gate"].values.max()) >= len(gates):
+        raise InputError(
+            "a slice uses a gate that the rig does not have",
+            where=f"{where}: gate", value=int(capture["gate"].values.max()), allowed=f"0 … {len(gates) - 1}",
+        )  # fmt: skip
+    if "truth_range" in capture:
+        truth = capture["truth_range"].values
+        bad = truth[np.isinf(truth) | (truth <= 0)]
+        if bad.size:
+            raise InputError(
+                "truth_range must be positive, or NaN where there is no surface",
+                where=f"{where}: truth_range", value=float(bad[0]), allowed="> 0 or NaN",
+            )  # fmt: skip
+
+
+def _first_bad(values: np.ndarray[Any, Any]) -> str:
+    index = np.argwhere(~np.isfinite(values))[0]
+    return f"{values[tuple(index)]} at {tuple(int(i) for i in index)}"
