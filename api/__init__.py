@@ -1,1 +1,92 @@
-"""beambench."""
+"""Beambench: captures of active optical sensors with exact truth, and the benchmark of the algorithms that read them.
+
+One function per command, with the command's name and arguments; `beambench scenes list` is `scenes_list`, and `--set
+PATH=VALUE` is `overrides={path: value}`. Everything is imported when it is first used.
+
+    import beambench
+    folder = beambench.run("quickstart")
+    scores = beambench.score("captures.zarr", "estimates")
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .scenes.errors import InputError
+    from .verb_compare import compare
+    from .verb_data import data_finalize, data_repair, data_status, data_verify
+    from .verb_doctor import doctor
+    from .verb_estimate import estimate
+    from .verb_estimators import estimators_check, estimators_list, estimators_new
+    from .verb_generate import generate
+    from .verb_report import report
+    from .verb_run import run
+    from .verb_scenes import scenes_list, scenes_show
+    from .verb_score import score
+
+    __version__: str
+
+__all__ = [
+    "InputError",
+    "__version__",
+    "compare",
+    "data_finalize",
+    "data_repair",
+    "data_status",
+    "data_verify",
+    "doctor",
+    "estimate",
+    "estimators_check",
+    "estimators_list",
+    "estimators_new",
+    "generate",
+    "report",
+    "run",
+    "scenes_list",
+    "scenes_show",
+    "score",
+]
+
+_HOME = {
+    "InputError": ".scenes.errors",
+    "compare": ".verb_compare",
+    "data_finalize": ".verb_data",
+    "data_repair": ".verb_data",
+    "data_status": ".verb_data",
+    "data_verify": ".verb_data",
+    "doctor": ".verb_doctor",
+    "estimate": ".verb_estimate",
+    "estimators_check": ".verb_estimators",
+    "estimators_list": ".verb_estimators",
+    "estimators_new": ".verb_estimators",
+    "generate": ".verb_generate",
+    "report": ".verb_report",
+    "run": ".verb_run",
+    "scenes_list": ".verb_scenes",
+    "scenes_show": ".verb_scenes",
+    "score": ".verb_score",
+}
+#: Sub-packages, imported on first use as well: `beambench.scenes.load_scene`.
+_ROOMS = ("benchmarks", "captures", "estimators", "generator", "optics", "scenes")
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("beambench")
+    elif name in _HOME:
+        value = getattr(import_module(_HOME[name], __name__), name)
+    elif name in _ROOMS:
+        return import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_ROOMS})

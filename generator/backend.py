@@ -73,6 +73,8 @@ def load() -> dict[str, Any]:
     Raises:
         InputError: no variant can run, with what to install.
     """
+    from importlib.metadata import version
+
     source = "imported-before" if "drjit" in sys.modules else _point_drjit_to_llvm()
     try:
         import drjit as dr
@@ -104,8 +106,8 @@ def load() -> dict[str, Any]:
         "llvm_path": _mapped_llvm(),
         "llvm_source": source,
         "cuda": cuda,
-        "mitsuba": mi.__version__,
-        "drjit": dr.__version__,
+        "mitsuba": version("mitsuba"),
+        "drjit": version("drjit"),
     }
 
 

@@ -27,7 +27,7 @@ Float = NDArray[np.float64]
 
 #: Samples within this many σ of R become one return.
 _MERGE_SIGMAS = 0.25
-#: DESIGN.md: a pixel is mixed where its sub-samples span over this fraction of R's full width at half maximum.
+#: The contract: a pixel is mixed where its sub-samples span over this fraction of R's full width at half maximum.
 _MIXED_FRACTION = 0.05
 #: Accuracy of the tabulated R, relative to its peak.
 _TABLE_RTOL = 1e-5
@@ -81,11 +81,12 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
     # A uniform spread over the pixel along both axes: variance (g_row² + g_col²)/12.
     spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0)
     shape = (rows, cols)
-    error, bright = centre_error(
-        *(a.reshape(shape) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)), sigma
+    amplitude, tau, per_row, per_col = (
+        a.reshape(shape) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
     )
+    error, bright = centre_error(amplitude, tau, per_row, per_col, sigma)
     # Where the echo brightens toward later times, its centroid is later than the centre ray's: Σ (∂a/a)(∂τ)/12.
-    slope_row, slope_col = (_relative_slope(echo.amplitude.reshape(shape), axis).ravel() for axis in (0, 1))
+    slope_row, slope_col = (_relative_slope(amplitude, axis).ravel() for axis in (0, 1))
     centroid = echo.tau + (slope_row * echo.tau_per_row + slope_col * echo.tau_per_col) / 12.0
     pixel = np.arange(rows * cols, dtype=np.int64)
     single = np.ones(rows * cols, dtype=bool)
@@ -104,8 +105,8 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
         parts.append((np.repeat(group.pixel, n * n), sub.amplitude / (n * n), sub.tau, sub_spread))
         rays += len(sub_row)
     parts.append((pixel[single], echo.amplitude[single], centroid[single], spread[single]))
-    joined = [np.concatenate([p[i] for p in parts]) for i in range(4)] if len(parts) > 1 else list(parts[0])
-    returns, first, last = gather_returns(rows * cols, *joined, width_s=_MERGE_SIGMAS * sigma)
+    owner, light, when, width = (np.concatenate([p[i] for p in parts]) for i in (0, 1, 2, 3))
+    returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma)
     truth = _truth(scene, direction, hits, echo, returns, first, last, fwhm)
     return DirectScene(returns, {name: _shaped(value, shape) for name, value in truth.items()}, rays)
 
@@ -134,9 +135,8 @@ def _truth(
     half = C_M_PER_S / (2.0 * group_index(scene.medium, scene.rig.laser.wavelength_m))
     distance = np.where(hit, hits.distance, np.nan)
     materials = [albedo_at_normal(item.material) for item in scene.target]
-    amplitude = np.zeros(len(hit))
     owners = np.repeat(np.arange(len(hit)), np.diff(returns.start))
-    np.add.at(amplitude, owners, returns.amplitude)
+    amplitude = np.bincount(owners, weights=returns.amplitude, minlength=len(hit))
     # Half the path is the radial range of a coaxial rig; a bistatic rig's offset is taken from the centre ray.
     offset = np.nan_to_num(echo.tau * half - distance)
     return {

@@ -31,7 +31,9 @@ def catalogue(scene: Scene, direct: DirectScene) -> list[dict[str, Any]]:
     return [
         effect("first bounce", True, 1.0, "Mitsuba first hits, exact times"),
         effect("sub-pixel mixtures", True, None, "adaptive sub-pixel rays"),
-        effect("beam attenuation", True, float(-np.expm1(-2 * scene.medium.attenuation_per_m * typical)), "1 − e^(−2cr)"),
+        effect(
+            "beam attenuation", True, float(-np.expm1(-2 * scene.medium.attenuation_per_m * typical)), "1 − e^(−2cr)"
+        ),
         effect("group index", True, None, "all times at c/n_g"),
         effect("forward-scattered light", False, float(np.expm1(min(2 * b * typical, 50.0))), "e^(2br) − 1, wide beam"),
         effect("volume backscatter", False, 0.0 if b == 0 else None, "needs the phase function"),

@@ -114,7 +114,13 @@ def generate(
             "fidelity": {"rung": fidelity, "rtol": rtol, "rays": direct.rays, "effects": effects},
             "truth_materials": [item.name for item in scene.target],
             "provenance": provenance(
-                {"seed": seed, "capture_key": key, "fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons}
+                {
+                    "seed": seed,
+                    "capture_key": key,
+                    "fidelity": fidelity,
+                    "rtol": rtol,
+                    "truth_electrons": truth_electrons,
+                }
             ),
         },
     )

@@ -42,19 +42,45 @@ def gather_returns(
 
     Returns the returns and, per pixel, the first and last time that carries light (NaN where there is none).
     """
-    live = amplitude > 0
-    if not live.all():
-        pixel, amplitude, tau, spread = pixel[live], amplitude[live], tau[live], spread[live]
-    if len(pixel) and np.any(pixel[1:] <= pixel[:-1]):  # one ordered sample a pixel needs no sorting
-        order = np.lexsort((tau, pixel))
-        pixel, amplitude, tau, spread = pixel[order], amplitude[order], tau[order], spread[order]
-    start, out_a, out_t, out_s, first, last = _merge(pixels, pixel, amplitude, tau, spread, width_s)
-    return Returns(start, out_a, out_t, out_s), first, last
+    order, start = _order(pixels, pixel, amplitude, tau)
+    out = _merge(pixels, start, order, amplitude, tau, spread, width_s)
+    return Returns(*out[:4]), out[4], out[5]
 
 
 @kernel
-def _merge(pixels, pixel, amplitude, tau, spread, width):  # type: ignore[no-untyped-def]
-    n = pixel.size
+def _order(pixels, pixel, amplitude, tau):  # type: ignore[no-untyped-def]
+    """Indices of the samples that carry light, by pixel (counting sort) and then by time; and where each pixel begins."""
+    start = np.zeros(pixels + 1, dtype=np.int64)
+    for i in range(pixel.size):
+        if amplitude[i] > 0.0:
+            start[pixel[i] + 1] += 1
+    for p in range(pixels):
+        start[p + 1] += start[p]
+    order = np.empty(start[pixels], dtype=np.int64)
+    fill = start[:-1].copy()
+    for i in range(pixel.size):
+        if amplitude[i] > 0.0:
+            order[fill[pixel[i]]] = i
+            fill[pixel[i]] += 1
+    for p in range(pixels):
+        begin, end = start[p], start[p + 1]
+        if end - begin > 48:
+            mine = order[begin:end].copy()
+            order[begin:end] = mine[np.argsort(tau[mine], kind="mergesort")]
+        else:
+            for a in range(begin + 1, end):
+                index = order[a]
+                b = a
+                while b > begin and tau[order[b - 1]] > tau[index]:
+                    order[b] = order[b - 1]
+                    b -= 1
+                order[b] = index
+    return order, start
+
+
+@kernel
+def _merge(pixels, begin, order, amplitude, tau, spread, width):  # type: ignore[no-untyped-def]
+    n = order.size
     start = np.zeros(pixels + 1, dtype=np.int64)
     out_a = np.empty(n)
     out_t = np.empty(n)
@@ -62,29 +88,30 @@ def _merge(pixels, pixel, amplitude, tau, spread, width):  # type: ignore[no-unt
     first = np.full(pixels, np.nan)
     last = np.full(pixels, np.nan)
     made = 0
-    i = 0
+    half_width = 1.7320508075688772  # a uniform spread reaches √3 σ to either side
     for p in range(pixels):
         start[p] = made
-        if i < n and pixel[i] == p:
-            first[p] = tau[i] - 1.7320508 * spread[i]
-        while i < n and pixel[i] == p:
-            begin = tau[i]
+        i = begin[p]
+        while i < begin[p + 1]:
+            origin = tau[order[i]]
             a0 = 0.0
             a1 = 0.0
             a2 = 0.0
-            while i < n and pixel[i] == p and tau[i] - begin <= width:
-                x = tau[i] - begin
-                a = amplitude[i]
-                a0 += a
-                a1 += a * x
-                a2 += a * (x * x + spread[i] * spread[i])
-                end = tau[i] + 1.7320508 * spread[i]
-                if not last[p] >= end:
-                    last[p] = end
+            while i < begin[p + 1] and tau[order[i]] - origin <= width:
+                j = order[i]
+                x = tau[j] - origin
+                a0 += amplitude[j]
+                a1 += amplitude[j] * x
+                a2 += amplitude[j] * (x * x + spread[j] * spread[j])
+                reach = half_width * spread[j]
+                if not first[p] <= tau[j] - reach:
+                    first[p] = tau[j] - reach
+                if not last[p] >= tau[j] + reach:
+                    last[p] = tau[j] + reach
                 i += 1
             mean = a1 / a0
             out_a[made] = a0
-            out_t[made] = begin + mean
+            out_t[made] = origin + mean
             out_s[made] = np.sqrt(max(a2 / a0 - mean * mean, 0.0))
             made += 1
     start[pixels] = made

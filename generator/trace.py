@@ -60,7 +60,7 @@ class Tracer:
 
     def __init__(self, scene: Scene) -> None:
         mi = mitsuba()
-        self._mi = mi
+        self._mi: Any = mi
         parts: dict[str, Any] = {"type": "scene"}
         for number, item in enumerate(scene.target):
             where = f"{scene.name}: target.{item.name}"
@@ -80,7 +80,7 @@ class Tracer:
 
         index_of: dict[int, int] = {}
         for shape in self._scene.shapes():
-            pointer = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+            pointer: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
             index_of[int(pointer.numpy()[0])] = int(shape.id()[1:])
         table = np.full(max(index_of) + 1, -1, dtype=np.int32)
         for pointer_id, number in index_of.items():
@@ -109,7 +109,8 @@ class Tracer:
         ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(mi.Float(d[0]), mi.Float(d[1]), mi.Float(d[2])))
         preliminary = self._scene.ray_intersect_preliminary(ray, coherent=True)
         surface = preliminary.compute_surface_interaction(ray, mi.RayFlags.Minimal)
-        t, n, shape = surface.t, surface.n, dr.reinterpret_array(mi.UInt32, surface.shape)
+        t, n = surface.t, surface.n
+        shape: Any = dr.reinterpret_array(mi.UInt32, surface.shape)
         dr.eval(t, n, shape)
         distance = np.asarray(t.numpy(), dtype=np.float64)
         normal = np.asarray(n.numpy(), dtype=np.float64)

@@ -99,7 +99,7 @@ def _anchor(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     objects = data.get("target")
     if isinstance(objects, list):
         for item in objects:
-            shape = item.get("shape") if isinstance(item, dict) else None
+            shape: Any = item.get("shape") if isinstance(item, dict) else None
             name = shape.get("file") if isinstance(shape, dict) else None
             if isinstance(name, str) and not name.startswith("library:") and not Path(name).expanduser().is_absolute():
                 shape["file"] = str((folder / name).resolve())

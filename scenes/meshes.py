@@ -147,7 +147,7 @@ def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
         raise InputError("The mesh is empty.", where=where, value=shape.file, allowed="at least one triangle")
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError("The mesh has broken vertices or faces.", where=where, value=shape.file)
-    trimesh.repair.fix_normals(mesh)
+    trimesh.repair.fix_normals(mesh)  # type: ignore[no-untyped-call]
     faces = np.asarray(mesh.faces, dtype=np.int64)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = float((high - low).max())

@@ -36,7 +36,7 @@ class Scene(Spec):
     target: Annotated[tuple[TargetObject, ...], Field(min_length=1)]
     medium: Medium
     rig: GatedRig
-    declared: dict[str, Any] = {}
+    declared: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _names_differ(self) -> Scene:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from beambench.captures import compare_captures, compare_stores, write
 from beambench.captures.example import example_capture
 from beambench.captures.provenance import cpu, provenance

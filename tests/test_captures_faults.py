@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from beambench.captures import CaptureWriter, finalize, open_captures, repair, verify, write
 from beambench.captures.example import example_capture
 from beambench.captures.manifest import load_manifest

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.captures import hide_truth, open_captures, write
 from beambench.captures.example import example_capture
 from beambench.captures.hide import VISIBLE_ATTRIBUTES, sealed

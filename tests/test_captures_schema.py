@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.captures import make_capture
 from beambench.captures.example import example_capture
 from beambench.captures.schema import MODALITIES, SCHEMA_VERSION

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.captures import CaptureWriter, compare_captures, open_captures, verify, write
 from beambench.captures.example import example_capture
 from beambench.captures.layout import CHUNK_BYTES, chunk_keys, chunk_shape

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad
+from scipy.special import erf
+
 from beambench.generator.direct import DirectScene, gate_tables, render_direct
 from beambench.generator.returns import Returns, gather_returns, render_stack
 from beambench.generator.trace import Tracer, pixel_directions
 from beambench.scenes.declare import group_index
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene
-from numpy.typing import NDArray
-from scipy.integrate import quad
-from scipy.special import erf
 
 C = 299_792_458.0
 Float = NDArray[np.float64]
@@ -107,7 +108,11 @@ def test_expectation_follows_the_inverse_square_and_the_brdf() -> None:
     for degrees in (0.0, 10.0, 35.0, 70.0):
         theta = np.deg2rad(degrees)
         printed = k_s / np.cos(theta) ** 6 * np.exp(-(np.tan(theta) ** 2) / s**2) + k_d * np.cos(theta) ** m
-        for convention, factor in (("as-printed-radiance", 1.0), ("brdf", np.cos(theta)), ("reciprocal", np.cos(theta))):
+        for convention, factor in (
+            ("as-printed-radiance", 1.0),
+            ("brdf", np.cos(theta)),
+            ("reciprocal", np.cos(theta)),
+        ):
             got = amplitude(
                 target__0__material=material | {"convention": convention}, target__0__shape__tilt_x_deg=degrees
             )

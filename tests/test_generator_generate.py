@@ -10,6 +10,7 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, capture_key_of, generate
 from beambench.scenes.errors import InputError
@@ -73,7 +74,9 @@ def test_bits_are_the_same_in_another_process_with_other_threads(threads: str) -
     env = os.environ | {"NUMBA_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True).stdout
     mine = generate(load_scene("sphere", SMALL), seed=8)
-    assert told.strip() == hashlib.sha256(mine.counts.values.tobytes() + mine.truth_amplitude.values.tobytes()).hexdigest()
+    assert (
+        told.strip() == hashlib.sha256(mine.counts.values.tobytes() + mine.truth_amplitude.values.tobytes()).hexdigest()
+    )
 
 
 def test_delay_is_the_optical_delay_and_a_wrong_t0_shows_in_it_only() -> None:
@@ -118,7 +121,9 @@ def test_several_gates_and_a_gate_map() -> None:
     flat = generate(load_scene("flat-wall", SMALL), seed=1, truth_electrons=True)
     calm = (flat.truth_electrons - flat.truth_background).values
     t = capture.delay.values[:64]
-    later = (signal[:64] * t[:, None, None]).sum(0) / signal[:64].sum(0) - (calm * t[:, None, None]).sum(0) / calm.sum(0)
+    later = (signal[:64] * t[:, None, None]).sum(0) / signal[:64].sum(0) - (calm * t[:, None, None]).sum(0) / calm.sum(
+        0
+    )
     # R(u − o) has its echo at delays earlier by o: the stack's centroid over the delays moves by −o.
     assert np.abs(later + gate_offset_map(24, 20, 3e-10, (0.0, 0.0))).max() < 2e-12
 
@@ -134,7 +139,9 @@ def test_neglected_scatter_is_warned_about_and_listed() -> None:
         capture = generate(murky, seed=1)
     effects = {e["name"]: e for e in json.loads(capture.attrs["fidelity"])["effects"]}
     assert not effects["forward-scattered light"]["modelled"]
-    assert effects["forward-scattered light"]["predicted_relative_size"] == pytest.approx(np.expm1(2 * 0.2 * 5.0), rel=0.05)
+    assert effects["forward-scattered light"]["predicted_relative_size"] == pytest.approx(
+        np.expm1(2 * 0.2 * 5.0), rel=0.05
+    )
     assert effects["photon noise"]["modelled"]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from beambench.generator.trace import Tracer, pixel_directions
 from beambench.scenes.load import load_scene
 from beambench.scenes.meshes import shape_mesh

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+
 from beambench.optics.brdf_albedo import albedo_limit, conserves_energy, hemispherical_albedo
 from beambench.optics.brdf_angles import Angles, Array, angles, monostatic
 from beambench.optics.brdf_chua import FIGURE_2_SURFACES, chua, chua_printed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.constants
+
 from beambench.optics import constants
 
 

@@ -11,10 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from beambench.optics import correlation as c
-from beambench.optics import waveforms as w
 from numpy.typing import NDArray
 from scipy.stats import exponnorm
+
+from beambench.optics import correlation as c
+from beambench.optics import waveforms as w
 
 Array = NDArray[np.float64]
 NS = 1e-9

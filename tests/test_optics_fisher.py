@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from beambench.optics.brdf_angles import Array
 from beambench.optics.constants import C_M_PER_S, FWHM_PER_SIGMA
 from beambench.optics.fisher import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from beambench.optics.gate_maps import gate_offset_map
 
 

@@ -6,8 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from beambench.optics import illumination as il
 from scipy.integrate import quad
+
+from beambench.optics import illumination as il
 
 MEASURED = (1.0, 0.95, 0.7, 0.75, 0.2, 0.05)
 

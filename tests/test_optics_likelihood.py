@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import special, stats
+
 from beambench.optics.brdf_angles import Array
 from beambench.optics.fisher import moment_information, quadratic_information
 from beambench.optics.likelihood import NoiseModel, distribution, information, log_pmf, pmf, score
-from scipy import special, stats
 
 
 def _edges(noise: NoiseModel) -> Array:

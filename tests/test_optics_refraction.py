@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from beambench.optics.refraction import (
     air_group_index,
     air_phase_index,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from beambench.optics import waveforms as w
 from beambench.optics.correlation import correlation, correlation_support
 from beambench.scenes import waveforms as specs
-from numpy.typing import NDArray
 
 NS = 1e-9
 PULSES: list[w.Pulse] = [

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from beambench.scenes.declare import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import LIBRARY, list_scenes, load_scene

@@ -1,4 +1,4 @@
-"""Cost of the `direct` rung against mitransient (direct only, mono) at equal error, by DESIGN.md's rule.
+"""Cost of the `direct` rung against mitransient (direct only, mono) at equal error, by the equal-error rule.
 
 Scene: the scanned bunny (or a library sphere where no mesh is given) before a wall, 512×512×64. The quantity is the
 expected photoelectrons per pixel and gate. R1 and R2 are independent references by other code: Mitsuba's own sensor,
@@ -154,9 +154,7 @@ def electrons_per_radiance(scene: Scene) -> float:
     solid_angle = 2 * np.pi * (1 - np.cos(laser.illumination.half_angle_rad))
     joule = laser.pulse_energy_j / solid_angle * camera.pixel_pitch_m**2 * np.pi / (4 * camera.f_number**2)
     per_joule = laser.wavelength_m / (PLANCK_J_S * C_M_PER_S)
-    return float(
-        scene.rig.pulses_per_slice * joule * camera.transmission * camera.quantum_efficiency * per_joule
-    )
+    return float(scene.rig.pulses_per_slice * joule * camera.transmission * camera.quantum_efficiency * per_joule)
 
 
 def exact_reference(peer: MitransientDirect, scene: Scene, samples: int, seed: int) -> Float:
@@ -220,7 +218,8 @@ def equal_error_cost(samples: Any, squared: Any, seconds: Any, epsilon: float) -
 
 def ours(scene: Scene, tracer: Tracer, rtol: float) -> tuple[NDArray[np.float32], float]:
     """Our expected stack (slices, pixels) and wall seconds, scene loaded and kernels compiled before."""
-    delays = scene.rig.delays.start_s + scene.rig.delays.step_s * np.arange(scene.rig.delays.count) + scene.rig.t0_s
+    spec = scene.rig.delays
+    delays: Float = spec.start_s + spec.step_s * np.arange(spec.count, dtype=np.float64) + scene.rig.t0_s
     out = np.empty((len(delays), scene.rig.camera.rows * scene.rig.camera.cols), dtype=np.float32)
     start = time.perf_counter()
     direct = render_direct(scene, rtol, tracer)
@@ -267,7 +266,10 @@ def compare(mesh: str | None, size: int, counts: list[int], seeds: int, referenc
             }
         )  # fmt: skip
         del peer
-    ours_at = {rtol: (float(np.sqrt(max(rows[0][0], 0.0))), float(np.median([r[1] for r in rows]))) for rtol, rows in mine.items()}
+    ours_at = {
+        rtol: (float(np.sqrt(max(rows[0][0], 0.0))), float(np.median([r[1] for r in rows])))
+        for rtol, rows in mine.items()
+    }
     result["ours"] = [
         {"rtol": rtol, "epsilon": e, "relative_cost": s / ours_at[1e-2][1]} for rtol, (e, s) in ours_at.items()
     ]

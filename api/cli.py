@@ -1,0 +1,185 @@
+"""The command line: `beambench VERB …`. Nothing heavy is imported before a command needs it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Any, TextIO
+
+from cyclopts import App, CycloptsError
+
+from . import cli_data, cli_estimators, cli_run
+from .console import terminal
+from .scenes.errors import InputError
+
+__all__ = ["app", "main"]
+
+_HELP = """Make captures of active optical sensors whose truth is known, and score the algorithms that read them.
+
+Begin with: beambench run quickstart"""
+
+_EPILOGUE = """Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 3 could not measure, 70 internal error,
+130 interrupted.
+Tab completion: beambench --install-completion, or: beambench completion bash"""
+
+#: What a user can mend when the system refuses: a full disk, a missing right, a wrong place.
+_USERS_ERRNO = {
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.ENAMETOOLONG,
+}
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("beambench")
+
+
+app = App(
+    name="beambench",
+    help=_HELP,
+    help_epilogue=_EPILOGUE,
+    help_format="plaintext",
+    version=_version,
+    suppress_keyboard_interrupt=False,
+    result_action="return_value",
+)
+for _part in (cli_run, cli_data, cli_estimators):
+    _part.register(app)
+
+
+def _completion(shell: str = "bash") -> int:
+    """Print the tab-completion script of a shell.
+
+    Parameters
+    ----------
+    shell
+        bash, zsh or fish.
+    """
+    if shell not in {"bash", "zsh", "fish"}:
+        raise InputError(
+            "There is no completion for this shell.", where="shell", value=shell, allowed="bash, zsh, fish"
+        )
+    print(app.generate_completion(prog_name="beambench", shell=shell))  # type: ignore[arg-type]
+    return 0
+
+
+app.command(
+    _completion,
+    name="completion",
+    sort_key=90,
+    help_epilogue='Example:\n  eval "$(beambench completion bash)"      for this session, in bash',
+)
+app.register_install_completion_command("--install-completion", add_to_startup=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code; see DESIGN's list in `beambench --help`."""
+    tokens = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in tokens
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            code = _run(tokens)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _let_go_of_stdout()
+        return 0
+    except KeyboardInterrupt:
+        print("\ninterrupted; what was finished is kept", file=sys.stderr)
+        if debug:
+            raise
+        return 130
+    except CycloptsError as error:
+        return _told(f"error: {_one_line(str(error))}", f"  next:    beambench {_command(error)}--help")
+    except InputError as error:
+        if debug:
+            _traceback()
+        return _told(f"error: {error}")
+    except OSError as error:
+        if debug:
+            _traceback()
+        if error.errno not in _USERS_ERRNO:
+            return _internal(error, debug)
+        lines = [f"error: {os.strerror(error.errno or 0)}."]
+        if error.filename is not None:
+            lines.append(f"  where:   {error.filename}")
+        return _told(*lines, "  next:    check the path and the space on its disk, or choose another with --out")
+    except Exception as error:
+        if debug:
+            _traceback()
+        return _internal(error, debug)
+    return code
+
+
+def _run(tokens: list[str]) -> int:
+    if not tokens:
+        app.help_print([], console=terminal(width=110))
+        return 0
+    result: Any = app(
+        tokens,
+        console=terminal(width=110),
+        error_console=terminal(stderr=True),
+        exit_on_error=False,
+        print_error=False,
+        result_action="return_value",
+    )
+    return result if isinstance(result, int) else 0
+
+
+def _command(error: CycloptsError) -> str:
+    chain = [name for name in (error.command_chain or ()) if not name.startswith("-")]
+    return "".join(f"{name} " for name in chain)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _told(*lines: str) -> int:
+    for line in lines:
+        print(line, file=sys.stderr)
+    return 2
+
+
+def _internal(error: Exception, debug: bool) -> int:
+    print(f"internal error: {type(error).__name__}: {_one_line(str(error))}", file=sys.stderr)
+    if not debug:
+        print("  next:    repeat the command with --debug, and report the traceback as a bug", file=sys.stderr)
+    return 70
+
+
+def _traceback() -> None:
+    import traceback
+
+    traceback.print_exc()
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """One plain line for a user's warnings; those of libraries about their own future are no news to a user."""
+    if issubclass(category, UserWarning):
+        print(f"warning: {message}", file=sys.stderr)
+
+
+def _let_go_of_stdout() -> None:
+    """Point standard output to nowhere, so that Python's own flush at exit does not complain of the closed pipe."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

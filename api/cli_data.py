@@ -1,0 +1,264 @@
+"""Commands of scenes and captures: scenes, generate, data."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from .console import Common, Out, Overrides, print_json, print_lines, print_table, size_text
+
+__all__ = ["register"]
+
+_Overwrite = Annotated[bool, Parameter(negative="", show_default=False, help="Replace what is there.")]
+
+
+def register(app: App) -> None:
+    """Add the commands to the command line."""
+    scenes = App(name="scenes", help="List the scenes of the library, or show one in full.", sort_key=2)
+    scenes.command(scenes_list, name="list", help_epilogue="Example:\n  beambench scenes list")
+    scenes.command(scenes_show, name="show", help_epilogue=_SHOW)
+    app.command(scenes)
+    app.command(generate, name="generate", sort_key=3, help_epilogue=_GENERATE)
+    data = App(name="data", help="Look at stores of captures: what they hold, and whether they are sound.", sort_key=4)
+    for name, function in (
+        ("status", data_status),
+        ("verify", data_verify),
+        ("repair", data_repair),
+        ("finalize", data_finalize),
+    ):
+        data.command(function, name=name, help_epilogue=f"Example:\n  beambench data {name} captures.zarr")
+    app.command(data)
+
+
+def scenes_list(*, common: Common | None = None) -> int:
+    """List the scenes of the library."""
+    from .verb_scenes import scenes_list as verb
+
+    rows = verb()
+    if common and common.json:
+        print_json(rows)
+        return 0
+    print_table(
+        ("scene", "modality", "slices × rows × cols", "medium", "title"),
+        [
+            (r["name"], r["modality"], f"{r['slices']} × {r['rows']} × {r['cols']}", r["medium"], r["title"])
+            for r in rows
+        ],
+        right=("slices × rows × cols",),
+    )
+    return 0
+
+
+_SHOW = """Examples:
+  beambench scenes show flat-wall
+  beambench scenes show flat-wall --set rig.camera.rows=128 > my-scene.json"""
+
+
+def scenes_show(scene: str, /, *, set_: Overrides = None, common: Common | None = None) -> int:
+    """Print a scene in full, as validated, in JSON: a start for a scene file of your own.
+
+    Parameters
+    ----------
+    scene
+        A scene of the library, or a .toml or .json file.
+    """
+    from .scenes.overrides import parse_assignments
+    from .verb_scenes import scenes_show as verb
+
+    print_json(verb(scene, overrides=parse_assignments(set_ or [])).model_dump(mode="json"))
+    return 0
+
+
+_GENERATE = """Examples:
+  beambench generate step --seeds 1 --seeds 2 -o step.zarr
+  beambench generate my-scene.toml --set rig.delays.count=128 --plan
+  beambench generate quickstart -o captures
+  beambench generate --like step.zarr"""
+
+
+def generate(
+    source: str | None = None,
+    /,
+    *,
+    set_: Overrides = None,
+    seeds: Annotated[list[int] | None, Parameter(negative="")] = None,
+    fidelity: Literal["direct"] | None = None,
+    rtol: float | None = None,
+    truth_electrons: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    like: str | None = None,
+    plan: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    out: Out = None,
+    resume: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    overwrite: _Overwrite = False,
+    common: Common | None = None,
+) -> int:
+    """Generate captures with exact truth from a scene or a suite, and store them.
+
+    Parameters
+    ----------
+    source
+        A scene or suite by name, or a .toml or .json file. A suite gives one store per scene.
+    seeds
+        Seed of a scene's capture, repeatable; 0 if not given.
+    fidelity
+        Rung of the forward model.
+    rtol
+        Relative error of the expected stack aimed at; 1e-3, or what the suite says, if not given.
+    truth_electrons
+        Keep the noise-free expectation of every sample too.
+    like
+        Repeat this store from its own records and compare: how many values differ. Exit code 1 if any does.
+    plan
+        Tell what would be made, and make nothing.
+    resume
+        Go on with an unfinished store.
+    """
+    from .benchmarks.progress import terminal_progress
+    from .scenes.overrides import parse_assignments
+    from .verb_generate import generate as verb
+
+    with terminal_progress() as progress:
+        made = verb(
+            source,
+            overrides=parse_assignments(set_ or []),
+            seeds=seeds or [0],
+            fidelity=fidelity,
+            rtol=rtol,
+            truth_electrons=truth_electrons,
+            like=like,
+            plan=plan,
+            out=out,
+            resume=resume,
+            overwrite=overwrite,
+            progress=progress,
+        )
+    if common and common.json:
+        print_json(
+            {
+                "plan": made.plan,
+                "paths": [str(path) for path in made.paths],
+                "like": None
+                if like is None or plan
+                else {
+                    "equal": made.equal,
+                    "differing": made.differing,
+                    "captures": [str(item) for item in made.comparison],
+                },
+            }
+        )
+    elif plan:
+        print_table(
+            ("scene", "seed", "slices × rows × cols", "counts", "fidelity", "rtol"),
+            [
+                (
+                    p["scene"],
+                    str(p["seed"]),
+                    f"{p['slices']} × {p['rows']} × {p['cols']}",
+                    size_text(p["bytes"]),
+                    p["fidelity"],
+                    f"{p['rtol']:g}",
+                )
+                for p in made.plan
+            ],
+            right=("seed", "slices × rows × cols", "counts", "rtol"),
+        )
+        print_lines(f"{len(made.plan)} captures, {size_text(sum(p['bytes'] for p in made.plan))} of counts")
+    else:
+        for index, item in enumerate(made.comparison):
+            print_lines(f"capture {index}: {item}")
+        print_lines(*(f"captures {path}" for path in made.paths))
+    return int(not made.equal)
+
+
+def data_status(data: str, /, *, common: Common | None = None) -> int:
+    """Tell what a store of captures holds.
+
+    Parameters
+    ----------
+    data
+        The store.
+    """
+    from .verb_data import data_status as verb
+
+    status = verb(data)
+    if common and common.json:
+        print_json(status)
+        return 0
+    sizes = " × ".join(f"{size} {name}" for name, size in status["sizes"].items())
+    print_lines(
+        f"{status['path']}: {status['count']} {status['modality']} captures, {sizes}, {size_text(status['bytes'])}"
+    )
+    columns = ("capture", "scene", "seed", "truth", "fidelity")
+    rows = [[str(row[name]) if row[name] is not None else "–" for name in columns] for row in status["captures"]]
+    print_table(columns, rows, right=("capture", "seed"))
+    return 0
+
+
+def data_verify(data: str, /, *, common: Common | None = None) -> int:
+    """Read every byte of a store and list what is damaged. Exit code 1 if anything is.
+
+    Parameters
+    ----------
+    data
+        The store.
+    """
+    from dataclasses import asdict
+
+    from .verb_data import data_verify as verb
+
+    damage = verb(data)
+    if common and common.json:
+        print_json({"sound": not damage, "damage": [asdict(item) for item in damage]})
+    elif damage:
+        print_lines(
+            *(str(item) for item in damage), f"{len(damage)} files are damaged; next: beambench data repair {data}"
+        )
+    else:
+        print_lines(f"{data}: sound")
+    return int(bool(damage))
+
+
+def data_repair(data: str, /, *, overwrite: _Overwrite = False, common: Common | None = None) -> int:
+    """Drop the damaged captures of a store and keep the sound ones.
+
+    Parameters
+    ----------
+    data
+        The store, or an unfinished one (NAME.partial).
+    """
+    from .verb_data import data_repair as verb
+
+    return _recovered(verb(data, overwrite=overwrite), common)
+
+
+def data_finalize(data: str, /, *, overwrite: _Overwrite = False, common: Common | None = None) -> int:
+    """Turn the complete captures of an interrupted `generate` into a store.
+
+    Parameters
+    ----------
+    data
+        The store's name, with or without .partial.
+    """
+    from .verb_data import data_finalize as verb
+
+    return _recovered(verb(data, overwrite=overwrite), common)
+
+
+def _recovered(recovery: object, common: Common | None) -> int:
+    from .captures.recovery import Recovery
+
+    assert isinstance(recovery, Recovery)
+    if common and common.json:
+        print_json(
+            {
+                "path": str(recovery.path),
+                "kept": recovery.kept,
+                "dropped": list(recovery.dropped),
+                "damage": [str(item) for item in recovery.damage],
+            }
+        )
+    else:
+        dropped = f", dropped {', '.join(map(str, recovery.dropped))}" if recovery.dropped else ""
+        print_lines(f"{recovery.path}: {recovery.kept} captures{dropped}")
+    return 0

@@ -1,0 +1,222 @@
+"""Commands of a whole run: run, report, compare, doctor."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any, Literal
+
+from cyclopts import App, Parameter
+
+from .console import Common, Out, Overrides, print_json, print_lines, print_table
+
+__all__ = ["register"]
+
+
+def register(app: App) -> None:
+    """Add the commands to the command line."""
+    for function, name, order, epilogue in (
+        (run, "run", 1, _RUN),
+        (report, "report", 20, _REPORT),
+        (compare, "compare", 21, _COMPARE),
+        (doctor, "doctor", 80, _DOCTOR),
+    ):
+        app.command(function, name=name, sort_key=order, help_epilogue=epilogue)
+
+
+_RUN = """Examples:
+  beambench run quickstart
+  beambench run quickstart -e poisson-ml -e 'weighted-average[background=subtract]'
+  beambench run my-suite.toml --set seeds.test=[1,2,3] --set rig.detector.read_noise_e=5 -o results
+  beambench run quickstart -o results --resume"""
+
+
+def run(
+    suite: str,
+    /,
+    *,
+    set_: Overrides = None,
+    estimators: Annotated[list[str] | None, Parameter(name=["--estimators", "-e"], negative="")] = None,
+    split: Literal["dev", "test"] = "test",
+    out: Out = None,
+    resume: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    report: Annotated[bool, Parameter(show_default=False)] = True,
+    common: Common | None = None,
+) -> int:
+    """Generate, estimate, score and report a suite; `quickstart` is the demo.
+
+    An estimator that fails is a row of the table, and the exit code stays 0.
+
+    Parameters
+    ----------
+    suite
+        A suite that ships with Beambench, or a .toml or .json file.
+    estimators
+        Run this estimator instead of the suite's: name or name[key=value,...]; repeatable.
+    split
+        Which seeds to score on: tune on dev, publish test.
+    resume
+        Go on with an interrupted run in --out.
+    overwrite
+        Replace the run in --out.
+    report
+        Write the page report.html.
+    """
+    from .benchmarks.progress import terminal_progress
+    from .benchmarks.report_data import read_scores
+    from .benchmarks.report_text import closing_lines
+    from .scenes.overrides import parse_assignments
+    from .verb_run import run as verb
+
+    with terminal_progress() as progress:
+        result = verb(
+            suite,
+            overrides=parse_assignments(set_ or []),
+            estimators=estimators,
+            split=split,
+            out=out,
+            resume=resume,
+            overwrite=overwrite,
+            report=report,
+            progress=progress,
+            command=["beambench", *sys.argv[1:]],
+        )
+    closing = closing_lines(read_scores(result.out))
+    if common and common.json:
+        print_json(
+            {
+                "out": str(result.out),
+                "report": str(result.report) if result.report else None,
+                "rows": len(result.rows),
+                "closing": closing,
+                "warnings": result.warnings,
+                "failures": result.failures,
+                "wall_s": result.wall_s,
+            }
+        )
+        return 0
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    print_lines("", *closing, f"tables   {result.out / 'scores.csv'}")
+    if result.report:
+        print_lines(f"page     {result.report.resolve()}")
+    return 0
+
+
+_REPORT = """Example:
+  beambench report beambench-runs/quickstart-20260102-030405"""
+
+
+def report(folder: str, /, *, common: Common | None = None) -> int:
+    """Write report.html and the chart into the folder of a run.
+
+    Parameters
+    ----------
+    folder
+        A run's folder, with scores.csv or scores.parquet; run.json and pictures/ are used where they are there.
+    """
+    from .benchmarks.report_data import read_scores
+    from .benchmarks.report_text import closing_lines
+    from .verb_report import report as verb
+
+    page = verb(folder)
+    closing = closing_lines(read_scores(folder))
+    if common and common.json:
+        print_json({"report": str(page), "closing": closing})
+    else:
+        print_lines(*closing, f"page     {page.resolve()}")
+    return 0
+
+
+_COMPARE = """Examples:
+  beambench compare runs/before runs/after
+  beambench compare before.csv after.csv --json"""
+
+
+def compare(a: str, b: str, /, *, common: Common | None = None) -> int:
+    """Compare two score tables, paired by scene, seed and estimator: what changed from A to B.
+
+    Ratios are B/A, geometric means over seeds with a 95 % interval; below 1 is better.
+
+    Parameters
+    ----------
+    a
+        Folder of a run, or its scores.csv or scores.parquet.
+    b
+        The other one.
+    """
+    from .verb_compare import compare as verb
+
+    table = verb(a, b)
+    only_a, only_b = table.attrs["unpaired"]
+    if common and common.json:
+        print_json({"rows": table.to_dict(orient="records"), "only_in_a": only_a, "only_in_b": only_b})
+        return 0
+    columns = (
+        "estimator",
+        "scene",
+        "condition",
+        "stress",
+        "pairs",
+        "error B/A",
+        "cpu B/A",
+        "coverage",
+        "failed",
+        "status",
+    )
+    print_table(
+        columns,
+        [_compared(row) for row in table.to_dict(orient="records")],
+        right=("pairs", "error B/A", "cpu B/A", "coverage", "failed"),
+    )
+    if only_a or only_b:
+        print_lines(f"without a partner: {only_a} rows of A, {only_b} rows of B")
+    return 0
+
+
+def _compared(row: Any) -> list[str]:
+    def ratio(name: str) -> str:
+        value, low, high = (row[f"{name}_{part}"] for part in ("ratio", "lo", "hi"))
+        text = "–" if value != value else f"{value:.3f}"
+        return text if low != low else f"{text} [{low:.3f}, {high:.3f}]"
+
+    def change(value: float) -> str:
+        return "–" if value != value else f"{100 * value:+.1f} %"
+
+    scene = row["scene"] + (" (mixed)" if str(row["quantity"]).endswith("-mixed") else "")
+    return [
+        row["estimator"],
+        scene,
+        row["condition"],
+        row["stress"] or "none",
+        str(row["pairs"]),
+        ratio("error"),
+        ratio("cpu"),
+        change(row["coverage_change"]),
+        change(row["failure_change"]),
+        row["status"],
+    ]
+
+
+_DOCTOR = """Examples:
+  beambench doctor
+  beambench doctor --json"""
+
+
+def doctor(*, common: Common | None = None) -> int:
+    """Tell what works on this machine, what is missing and how to get it. Exit code 1 if a required part is broken."""
+    from dataclasses import asdict
+
+    from .verb_doctor import doctor as verb
+
+    findings = verb()
+    broken = any(finding.state == "broken" for finding in findings)
+    if common and common.json:
+        print_json({"ok": not broken, "findings": [asdict(finding) for finding in findings]})
+    else:
+        print_table(
+            ("", "what", "state", "found", "how to mend it"),
+            [(f.group, f.name, f.state, f.found, f.advice) for f in findings],
+        )
+        print_lines("", "a required part is broken" if broken else "all required parts work")
+    return int(broken)

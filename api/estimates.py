@@ -1,0 +1,154 @@
+"""Estimates on disk: one HDF5 file per estimator, also as another program may write them.
+
+Attributes: `schema_version` = 1, `estimator` (label; default: the file's name), `modality`. Datasets with a leading
+capture axis: `range` and `sigma` (capture, row, col) float, m; `valid` (capture, row, col) bool or 0/1; optional
+`cpu_s`, `wall_s`, `peak_bytes` (capture) and `status` (capture) text.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scenes.errors import InputError
+
+__all__ = ["Estimates", "list_estimates", "read_estimates", "write_estimates"]
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """One estimator's answers to all captures of a store; `arrays[i]` is None where it gave none."""
+
+    label: str
+    modality: str
+    arrays: list[dict[str, NDArray[Any]] | None]
+    cpu_s: list[float]
+    wall_s: list[float]
+    peak_bytes: list[float]
+    status: list[str]
+
+
+def write_estimates(path: Path, estimates: Estimates) -> None:
+    """Write a file, whole or not at all."""
+    import h5py
+
+    partial = path.with_name(path.name + ".partial")
+    given = [arrays for arrays in estimates.arrays if arrays is not None]
+    shape = given[0]["range"].shape if given else (0, 0)
+    with h5py.File(partial, "w") as file:
+        file.attrs.update(schema_version=SCHEMA_VERSION, estimator=estimates.label, modality=estimates.modality)
+        for name, kind in (("range", "f8"), ("sigma", "f8"), ("valid", "?")):
+            empty = np.full(shape, np.nan if kind == "f8" else False, dtype=kind)
+            stack = np.stack([empty if a is None else np.asarray(a[name], dtype=kind) for a in estimates.arrays])
+            dataset = file.create_dataset(
+                name,
+                data=stack,
+                chunks=(1, *shape) if stack.size else None,
+                compression="gzip" if stack.size else None,
+                fletcher32=bool(stack.size),
+            )
+            if kind == "f8":
+                dataset.attrs["units"] = "m"
+        for name in ("cpu_s", "wall_s", "peak_bytes"):
+            file.create_dataset(name, data=np.asarray(getattr(estimates, name), dtype="f8"))
+        file.create_dataset("status", data=estimates.status, dtype=h5py.string_dtype())
+    os.replace(partial, path)
+
+
+def list_estimates(source: Path) -> list[Path]:
+    """The files of estimates in a folder, or the one file given.
+
+    Raises:
+        InputError: there is none.
+    """
+    files = sorted([*source.glob("*.h5"), *source.glob("*.hdf5")]) if source.is_dir() else [source]
+    if not files or not files[0].is_file():
+        raise InputError(
+            "There are no estimates.",
+            where=str(source),
+            allowed="a folder with .h5 files, or one such file",
+            next_step="beambench estimate DATA -e NAME",
+        )
+    return files
+
+
+def read_estimates(path: Path, count: int, shape: tuple[int, ...]) -> Estimates:
+    """Read one file and check it against the captures: `count` of them, each of `shape` (row, col).
+
+    Raises:
+        InputError: not such a file, or arrays of another shape or type.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            version = int(file.attrs.get("schema_version", SCHEMA_VERSION))
+            if version != SCHEMA_VERSION:
+                raise InputError(
+                    "The estimates have another schema version.",
+                    where=str(path),
+                    value=version,
+                    allowed=str(SCHEMA_VERSION),
+                )
+            label = _text(file.attrs.get("estimator", path.stem))
+            modality = _text(file.attrs.get("modality", "gated"))
+            stacks = {name: _stack(file, name, path, (count, *shape)) for name in ("range", "sigma", "valid")}
+            numbers = {name: _numbers(file, name, count) for name in ("cpu_s", "wall_s", "peak_bytes")}
+            status = [_text(item) for item in file["status"][()]] if "status" in file else ["ok"] * count
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            "The estimates cannot be read.",
+            where=str(path),
+            value=str(error),
+            allowed="HDF5 with range, sigma and valid",
+        ) from error
+    arrays: list[dict[str, NDArray[Any]] | None] = []
+    for index in range(count):
+        one = {
+            "range": stacks["range"][index].astype(float),
+            "sigma": stacks["sigma"][index].astype(float),
+            "valid": stacks["valid"][index].astype(bool),
+        }
+        bad = one["valid"] & ~(np.isfinite(one["range"]) & np.isfinite(one["sigma"]) & (one["sigma"] > 0))
+        if status[index] == "ok" and bad.any():
+            status[index] = (
+                f"invalid: range or sigma is not finite and positive at {int(bad.sum())} elements marked valid"
+            )
+        arrays.append(one if status[index] == "ok" else None)
+    return Estimates(label, modality, arrays, numbers["cpu_s"], numbers["wall_s"], numbers["peak_bytes"], status)
+
+
+def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
+    if name not in file:
+        raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed="range, sigma and valid")
+    dataset = file[name]
+    if tuple(dataset.shape) != shape:
+        # An estimator that failed on every capture leaves no image; its statuses tell why.
+        if 0 in dataset.shape and dataset.shape[0] == shape[0]:
+            return np.full(shape, np.nan if name != "valid" else False)
+        raise InputError(
+            "The estimates do not fit the captures.",
+            where=f"{path}: {name}",
+            value=tuple(dataset.shape),
+            allowed=f"{shape}: (capture, row, col)",
+        )
+    return np.asarray(dataset[()])
+
+
+def _numbers(file: Any, name: str, count: int) -> list[float]:
+    values = list(map(float, file[name][()])) if name in file else []
+    return values if len(values) == count else [math.nan] * count
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,108 @@
+"""`beambench compare`: two score tables, paired."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["compare"]
+
+_PAIR = [
+    "scene",
+    "stress",
+    "level",
+    "stress2",
+    "level2",
+    "seed",
+    "condition",
+    "stage",
+    "quantity",
+    "estimator",
+    "params",
+]
+_CELL = [name for name in _PAIR if name != "seed"]
+
+
+def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
+    """Changes from table A to table B, one row per scene, stress, condition and estimator that both hold.
+
+    Rows are paired by their whole key, seed included. `error_ratio` and `cpu_ratio` are geometric means over the pairs
+    of B/A (rmse_full, cpu_s); `_lo` and `_hi` the 95 % t interval over seeds, NaN with one. `coverage_change` and
+    `failure_change` are mean differences B − A. The attribute `unpaired` counts the rows of A and of B without partner.
+
+    Main arguments:
+        a, b: folders of runs, or their scores.csv or scores.parquet.
+
+    Raises:
+        InputError: no score table, or no row in common.
+    """
+    import pandas as pd
+
+    from .benchmarks.report_data import label_of, read_scores
+    from .scenes.errors import InputError
+
+    first, second = read_scores(a), read_scores(b)
+    for name, table in ((a, first), (b, second)):
+        if table.duplicated(_PAIR).any():
+            raise InputError("A score table holds one row twice.", where=str(name))
+    both = first.merge(second, on=_PAIR, how="outer", suffixes=("_a", "_b"), indicator=True)
+    paired = both[both["_merge"] == "both"]
+    if not len(paired):
+        raise InputError(
+            "The two tables have no row in common.",
+            where=f"{a}, {b}",
+            allowed="tables of one suite: equal scenes, seeds, conditions and estimators",
+        )
+    rows = []
+    for _, group in paired.groupby(_CELL, sort=False):
+        first_row = group.iloc[0]
+        error = _ratio(group["rmse_full_a"], group["rmse_full_b"])
+        cpu = _ratio(group["cpu_s_a"], group["cpu_s_b"])
+        changed = group[group["status_a"] != group["status_b"]]
+        stress = " ".join(
+            filter(None, (first_row[n] for n in ("stress", "level", "stress2", "level2") if first_row[n] != "none"))
+        )
+        rows.append(
+            {
+                "scene": first_row["scene"],
+                "quantity": first_row["quantity"],
+                "stress": stress,
+                "condition": first_row["condition"],
+                "estimator": label_of(first_row["estimator"], first_row["params"]),
+                "pairs": len(group),
+                "error_ratio": error[0],
+                "error_lo": error[1],
+                "error_hi": error[2],
+                "cpu_ratio": cpu[0],
+                "cpu_lo": cpu[1],
+                "cpu_hi": cpu[2],
+                "coverage_change": float((group["coverage_b"] - group["coverage_a"]).mean()),
+                "failure_change": float((group["failure_rate_b"] - group["failure_rate_a"]).mean()),
+                "status": "" if changed.empty else f"{changed.iloc[0]['status_a']} → {changed.iloc[0]['status_b']}",
+            }
+        )
+    result = pd.DataFrame(rows)
+    result.attrs["unpaired"] = (int((both["_merge"] == "left_only").sum()), int((both["_merge"] == "right_only").sum()))
+    return result
+
+
+def _ratio(a: pd.Series[float], b: pd.Series[float]) -> tuple[float, float, float]:
+    """Geometric mean of b/a, and its 95 % t interval over the pairs."""
+    import numpy as np
+
+    known = (a > 0) & (b > 0)
+    logs = np.log(b[known].to_numpy(dtype=float) / a[known].to_numpy(dtype=float))
+    if not logs.size:
+        # Zero against zero is no change: an estimator without noise on an exact scene.
+        return (1.0, math.nan, math.nan) if len(a) and bool(((a == 0) & (b == 0)).all()) else (math.nan,) * 3
+    mean = float(logs.mean())
+    if logs.size < 2:
+        return math.exp(mean), math.nan, math.nan
+    from scipy.stats import t
+
+    half = float(t.ppf(0.975, logs.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(logs.size)
+    return math.exp(mean), math.exp(mean - half), math.exp(mean + half)

@@ -1,0 +1,213 @@
+"""`beambench estimators list|check|new`."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .output import claim
+
+if TYPE_CHECKING:
+    from .estimator_laws import LawResult
+
+__all__ = ["estimators_check", "estimators_list", "estimators_new"]
+
+#: The laws behind the range-gated stack; other modalities have none yet to check a plug-in with.
+_CHECKED = "gated"
+
+
+def estimators_list() -> list[dict[str, Any]]:
+    """All estimators, built-in and plug-in: name, modality, parameters with defaults, source, and where it lives.
+
+    One that cannot be imported is listed with the reason in `error`.
+    """
+    import inspect
+
+    from .estimators import BUILTIN, get_estimator, list_estimators
+    from .scenes.errors import InputError
+
+    rows: list[dict[str, Any]] = []
+    for name in list_estimators():
+        origin = "built-in" if name in BUILTIN else "plug-in"
+        try:
+            found = get_estimator(name)
+        except InputError as error:
+            rows.append(
+                {
+                    "name": name,
+                    "modality": "",
+                    "parameters": {},
+                    "cites": "",
+                    "origin": origin,
+                    "summary": "",
+                    "error": error.what,
+                }
+            )
+            continue
+        parameters = {
+            key: None if parameter.default is inspect.Parameter.empty else parameter.default
+            for key, parameter in inspect.signature(found.function).parameters.items()
+            if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+        }
+        summary = (inspect.getdoc(found.function) or "").partition("\n")[0]
+        rows.append(
+            {
+                "name": name,
+                "modality": found.modality,
+                "parameters": parameters,
+                "cites": found.cites,
+                "origin": origin,
+                "summary": summary,
+                "error": "",
+            }
+        )
+    return rows
+
+
+def estimators_check(estimator: str) -> list[LawResult]:
+    """Hold an estimator to the laws of the registry on a small made-up stack.
+
+    It repeats itself, leaves its input alone, follows a shift of the delays, does not depend on the order of pixels,
+    and is finite or invalid near every singularity.
+
+    Main arguments:
+        estimator: label, `name` or `name[key=value,...]`.
+
+    Raises:
+        InputError: no such estimator or parameter, or one of a modality that has no laws here.
+    """
+    from .estimator_laws import check_laws
+    from .estimators import get_estimator, parse_label
+    from .estimators.labels import check_parameters
+    from .scenes.errors import InputError
+
+    name, params = parse_label(estimator)
+    found = get_estimator(name)
+    checked = check_parameters(found.function, params, where=name)
+    if found.modality != _CHECKED:
+        raise InputError("There are no laws for this modality.", where=name, value=found.modality, allowed=_CHECKED)
+    return check_laws(partial(found, **checked))
+
+
+def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool = False) -> Path:
+    """Write a package with a working estimator of your own, its entry point and its test; returns its folder.
+
+    Main arguments:
+        name: lower-case letters, digits and dashes, e.g. "my-median".
+
+    Raises:
+        InputError: a name that cannot be used, is taken, or an output that exists.
+    """
+    from .estimators import list_estimators
+    from .scenes.errors import InputError
+
+    module = name.replace("-", "_")
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or keyword.iskeyword(module) or len(name) > 60:
+        raise InputError(
+            "The name cannot be used.",
+            where="name",
+            value=name,
+            allowed="lower-case letters, digits and single dashes, as my-median",
+        )
+    if name in list_estimators():
+        raise InputError(
+            "There is an estimator of this name.", where="name", value=name, next_step="beambench estimators list"
+        )
+    folder = claim(out, name, overwrite=overwrite)
+    package = f"beambench_{module}"
+    files = {
+        "pyproject.toml": _PYPROJECT.format(name=name, package=package, module=module),
+        f"{package}.py": _MODULE.format(name=name, module=module),
+        f"test_{package}.py": _TEST.format(name=name),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, text in files.items():
+            (folder / file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            "The output cannot be written there.", where=str(folder), value=error.strerror or str(error)
+        ) from error
+    return folder
+
+
+_PYPROJECT = """[build-system]
+requires = ["setuptools>=77"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "beambench-{name}"
+version = "0.1.0"
+dependencies = ["beambench"]
+
+[project.entry-points."beambench.estimators"]
+"{name}" = "{package}:{module}"
+
+[tool.setuptools]
+py-modules = ["{package}"]
+"""
+
+_MODULE = '''"""The estimator {name}: the delay at which the stack above its background has half its sum."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from beambench.estimators import estimator
+
+C_M_PER_S = 299_792_458.0
+
+
+@estimator("gated", cites="describe here where your algorithm comes from")
+def {module}(capture: xr.Dataset, *, threshold: float = 0.05) -> xr.Dataset:
+    """Range of the echo's median. Replace the body with your algorithm; keep the three variables.
+
+    A pixel whose echo rises less than `threshold` of its largest count above the background is called invalid.
+    """
+    rig = json.loads(capture.attrs["rig"])
+    used = capture["valid"].values & capture["laser_on"].values
+    order = np.argsort(capture["delay"].values[used], kind="stable")
+    delay = capture["delay"].values[used][order]
+    counts = capture["counts"].values[used][order].astype(float)
+    signal = counts - np.median(counts, axis=0)
+    strong = signal.max(axis=0) > np.maximum(threshold * counts.max(axis=0), 1.0)
+    signal = np.clip(signal, 0.0, None)
+    # Up to the middle of each slice: the light of a slice lies half before and half after its delay.
+    share = (np.cumsum(signal, axis=0) - signal / 2) / np.maximum(signal.sum(axis=0), 1e-12)
+    after = np.clip((share < 0.5).sum(axis=0), 1, len(delay) - 1)
+    high = np.take_along_axis(share, after[None], 0)[0]
+    low = np.take_along_axis(share, after[None] - 1, 0)[0]
+    part = np.clip((0.5 - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    median = delay[after - 1] + part * (delay[after] - delay[after - 1])
+    # A gate that opens at the delay t and closes a width w later is centred on light that arrives at t + w/2.
+    gate = rig["gates"][0]
+    value = np.asarray(gate["value"], float)
+    centre = gate["start_s"] + gate["step_s"] * (np.arange(value.size) * value).sum() / value.sum()
+    range_m = C_M_PER_S * (median + centre) / (2.0 * rig["medium"]["group_index"])
+    step_m = C_M_PER_S * np.median(np.diff(delay)) / (2.0 * rig["medium"]["group_index"])
+    valid = strong & np.isfinite(range_m) & (range_m > 0)
+    dims = ("row", "col")
+    return xr.Dataset(
+        {{
+            "range": (dims, np.where(valid, range_m, np.nan)),
+            "sigma": (dims, np.where(valid, step_m, np.nan)),
+            "valid": (dims, valid),
+        }}
+    )
+'''
+
+_TEST = '''"""The laws that every estimator keeps."""
+
+import beambench
+
+
+def test_keeps_the_laws() -> None:
+    broken = [result for result in beambench.estimators_check("{name}") if not result.holds]
+    assert not broken, broken
+'''

@@ -1,0 +1,111 @@
+"""`beambench score`: estimates against the truth of their captures."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .output import check_free, claim
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["score"]
+
+
+def score(
+    data: str | Path,
+    estimates: str | Path,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    failure_at: float | None = None,
+) -> pd.DataFrame:
+    """Score estimates against the truth in a store, write the tables into `out`, and return scores.csv as a table.
+
+    Mitsuba is not needed, nor the estimators: any program may write the estimates (HDF5 with `range`, `sigma`, `valid`
+    over capture, row and col).
+
+    Main arguments:
+        data: a store of captures that hold truth. estimates: a folder of .h5 files, or one.
+    Other arguments:
+        out: folder of the tables.
+        failure_at: |error| in m above which an element has failed; by default half the response's width.
+
+    Raises:
+        InputError: no store, no truth, no estimates, estimates that do not fit, two of one name, an output that exists.
+    """
+    from .benchmarks.bounds.gated import gated_bound
+    from .benchmarks.report_data import read_scores
+    from .benchmarks.score import score_rows, truth_of
+    from .benchmarks.tables import write_tables
+    from .captures.store import open_captures
+    from .estimates import list_estimates, read_estimates
+    from .estimators.labels import parse_label
+    from .scenes.errors import InputError
+
+    check_free(out, overwrite=overwrite)
+    captures = open_captures(data)
+    first = captures.load(0)
+    if captures.modality != "gated":
+        raise InputError(
+            "This version scores gated captures.", where=str(data), value=captures.modality, allowed="gated"
+        )
+    shape = (int(first.sizes["row"]), int(first.sizes["col"]))
+    tables = [read_estimates(path, len(captures), shape) for path in list_estimates(Path(estimates))]
+    labels = [table.label for table in tables]
+    if len(set(labels)) != len(labels):
+        raise InputError("Two files of estimates have the same label.", where=str(estimates), value=labels)
+    if failure_at is not None and not failure_at > 0:
+        raise InputError(
+            "The failure threshold is a length.", where="--failure-at", value=failure_at, allowed="> 0, in m"
+        )
+    rows: list[dict[str, Any]] = []
+    for index in range(len(captures)):
+        capture = captures[index]
+        if capture.attrs.get("truth_kind") == "none":
+            raise InputError(
+                "The capture holds no truth to score against.", where=f"{data}, capture {index}", value="none"
+            )
+        truth, bound = truth_of(capture), gated_bound(capture)
+        for table in tables:
+            name, _, params = table.label.partition("[")
+            parse_label(table.label)
+            key = {
+                "suite": Path(data).name,
+                "scene": _scene_name(capture.attrs, index),
+                "stress": "none",
+                "level": math.nan,
+                "stress2": "none",
+                "level2": math.nan,
+                "seed": int(capture.attrs.get("seed", index)),
+                "condition": "matched",
+                "stage": "range",
+                "estimator": name,
+                "params": params.removesuffix("]"),
+            }
+            rows += score_rows(
+                key,
+                truth,
+                bound,
+                table.arrays[index],
+                status=table.status[index],
+                cpu_s=table.cpu_s[index],
+                wall_s=table.wall_s[index],
+                peak_bytes=table.peak_bytes[index],
+                failure_at=failure_at,
+            )
+    folder = claim(out, f"scores-{Path(data).name}", overwrite=overwrite)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_tables(folder, rows)
+    table_of_scores = read_scores(folder)
+    table_of_scores.attrs["folder"] = str(folder)
+    return table_of_scores
+
+
+def _scene_name(attrs: dict[str, Any], index: int) -> str:
+    text = attrs.get("truth_scene")
+    scene = json.loads(text) if isinstance(text, str) else None
+    return str(scene["name"]) if isinstance(scene, dict) and "name" in scene else f"capture-{index}"

@@ -1,0 +1,185 @@
+"""Cramer-Rao bound of the range of every pixel of a gated stack, amplitude and background profiled.
+
+Slice k of a pixel has the mean μ_k = α R(u_k) + b β_k, u_k = n_g ℓ(r)/c − t_k − o, with ℓ the path there and back, o
+the pixel's gate offset and β the background's shape over slices. With J(μ) the Fisher information of one sample about
+its mean (Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC, `optics.fisher`) and gradients a_k = (α R'(u_k) n_g/c dℓ/dr, R(u_k), β_k),
+
+    F = Σ_k J(μ_k) a_k a_kᵀ,        σ² = (F⁻¹)₀₀ = 1/(F₀₀ − F₀₁ F₁₁⁻¹ F₁₀).
+
+The pixel's amplitude and background are unknown to an estimator and so cost information. R comes from the closed forms
+of `optics.correlation` for the scene as it truly is, and α, b, r from the capture's truth.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics import correlation, waveforms
+from ...optics.constants import C_M_PER_S
+from ...optics.fisher_table import information_table
+from ...optics.likelihood_model import NoiseModel
+from ...scenes.declare import group_index, optics_gate, optics_pulse
+from ...scenes.errors import InputError
+from ...scenes.load import validate_spec
+from ...scenes.rig import GatedRig
+from ...scenes.scene import Scene
+from ..score import Bound
+
+__all__ = ["gated_bound", "noise_model", "response_std_s", "true_scene"]
+
+Float = npt.NDArray[np.float64]
+
+#: Error of the tabulated R; that of the bound is some hundred times larger and below 1e-3.
+_RTOL = 3e-6
+
+
+def true_scene(capture: xr.Dataset) -> Scene:
+    """The scene that the capture was really generated from."""
+    text = capture.attrs.get("truth_scene")
+    if not isinstance(text, str):
+        raise InputError("The capture does not tell its true scene.", where="attribute truth_scene")
+    return validate_spec(Scene, json.loads(text), "truth_scene")
+
+
+def response_std_s(tables: list[correlation.Table]) -> float:
+    """σ_R: the largest standard deviation of R(u), as a density, over the gates."""
+    widths = []
+    for table in tables:
+        u = table.start_s + table.step_s * np.arange(table.value.size)
+        weight = table.value / table.value.sum()
+        mean = float((weight * u).sum())
+        widths.append(math.sqrt(float((weight * (u - mean) ** 2).sum())))
+    return max(widths)
+
+
+def noise_model(rig: GatedRig) -> NoiseModel:
+    """The likelihood of one sample. Dark electrons are part of the mean μ, unless a tube comes before them."""
+    detector, tube = rig.detector, rig.detector.intensifier
+    dark = detector.dark_current_e_per_s * detector.exposure_s
+    return NoiseModel(
+        read_noise_e=detector.read_noise_e,
+        gain_dn_per_e=detector.gain_dn_per_e,
+        offset_dn=detector.offset_dn,
+        adc_max_dn=2**detector.adc_bits - 1,
+        full_well_e=detector.full_well_e,
+        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
+        intensifier_gain=1.0 if tube is None else tube.gain,
+        dark_e=0.0 if tube is None else dark,
+    )
+
+
+def gated_bound(capture: xr.Dataset) -> Bound:
+    """The bound of every pixel of a generated capture (with its truth).
+
+    `kind` is "exact", or "quasi" where the generator draws something that the likelihood above does not hold: pulse
+    energy or delay that fluctuate per slice, correlated noise of a phosphor, averaged counts. Fixed patterns (PRNU,
+    DSNU) are per-pixel constants and part of the profiled amplitude and background.
+
+    Raises:
+        InputError: the capture lacks its true scene. Without `truth_amplitude` all bounds are NaN and `kind` is "none".
+    """
+    scene = true_scene(capture)
+    rig = scene.rig
+    pulse = optics_pulse(rig.laser.pulse)
+    if rig.laser.jitter_shot_s > 0:
+        pulse = waveforms.broadened(pulse, rig.laser.jitter_shot_s)
+    tables = [correlation.tabulate(pulse, optics_gate(gate), _RTOL) for gate in rig.gates]
+    n_g = group_index(scene.medium, rig.laser.wavelength_m)
+    half = C_M_PER_S / (2.0 * n_g)
+    sigma_r = response_std_s(tables)
+    delay = np.asarray(capture["delay"].values, np.float64)
+    response_m = half * sigma_r
+    window_m = half * float(delay.max() - delay.min()) + math.sqrt(12.0) * response_m
+    truth = np.asarray(capture["truth_range"].values, np.float64)
+    if "truth_amplitude" not in capture or "truth_background" not in capture:
+        return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
+    sigma = _sigma(capture, truth, rig, tables, n_g)
+    return Bound(sigma, _kind(capture, rig), response_m, window_m)
+
+
+def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
+    tube = rig.detector.intensifier
+    outside = (
+        rig.laser.energy_fluctuation > 0,
+        rig.laser.jitter_frame_s > 0,
+        tube is not None and tube.phosphor_sigma_px > 0,
+        bool(capture.attrs.get("averaged", False)),
+    )
+    return "quasi" if any(outside) else "exact"
+
+
+def _path(truth: Float, rig: GatedRig) -> tuple[Float, Float]:
+    """Path there and back, m, and its derivative by the range, for every pixel (row, col)."""
+    position = np.asarray(rig.laser.position_m, np.float64)
+    if not position.any():
+        return 2.0 * truth, np.full(truth.shape, 2.0)
+    camera = rig.camera
+    x = (np.arange(camera.cols) - (camera.cols - 1) / 2) * camera.pixel_pitch_m / camera.focal_length_m
+    y = (np.arange(camera.rows) - (camera.rows - 1) / 2) * camera.pixel_pitch_m / camera.focal_length_m
+    norm = np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
+    ray = np.stack(np.broadcast_arrays(x[None, :] / norm, y[:, None] / norm, 1.0 / norm), axis=-1)
+    from_laser = truth[..., None] * ray - position
+    distance = np.sqrt((from_laser**2).sum(axis=-1))
+    return truth + distance, 1.0 + (ray * from_laser).sum(axis=-1) / distance
+
+
+def _true_delay(capture: xr.Dataset, rig: GatedRig) -> Float:
+    """`delay` holds the declared t0; the light knows the true one."""
+    declared = float(json.loads(capture.attrs["rig"])["t0_s"])
+    return np.asarray(capture["delay"].values, np.float64) - declared + rig.t0_s
+
+
+def _offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
+    if rig.gate_map is None:
+        return np.broadcast_to(np.float64(0.0), shape)
+    from ...optics.gate_maps import gate_offset_map
+
+    return np.asarray(gate_offset_map(*shape, rig.gate_map.iris_s, rig.gate_map.skew_s), np.float64)
+
+
+def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correlation.Table], n_g: float) -> Float:
+    from .gated_kernel import range_sigma
+
+    shape = (truth.shape[0], truth.shape[1])
+    slices = int(capture.sizes["slice"])
+    background = np.asarray(capture["truth_background"].values, np.float64)
+    dims = capture["truth_background"].dims
+    if dims == ("slice",):
+        background = background[:, None, None]
+    background = np.broadcast_to(background, (slices, *shape))
+    largest = float(background.max(initial=0.0))
+    amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)
+    path, path_slope = _path(truth, rig)
+    peak = max(float(table.value.max()) for table in tables)
+    information = _information(rig, background, float(np.nanmax(amplitude, initial=0.0)) * peak)
+    width = max(table.value.size for table in tables)
+    value, slope = np.zeros((len(tables), width)), np.zeros((len(tables), width))
+    for row, table in enumerate(tables):  # tables end in zeros, so that padding with zeros extends them
+        value[row, : table.value.size], slope[row, : table.slope.size] = table.value, table.slope
+    usable = np.asarray(capture["valid"].values, bool)
+    lit = np.asarray(capture["laser_on"].values, bool)
+    result = range_sigma(
+        truth, np.ascontiguousarray(amplitude), background, largest, path * (n_g / C_M_PER_S),
+        path_slope * (n_g / C_M_PER_S), np.ascontiguousarray(_offsets(rig, shape)),
+        _true_delay(capture, rig), np.asarray(capture["gate"].values, np.int64), lit, usable,
+        np.array([table.start_s for table in tables]), np.array([table.inv_step for table in tables]), value, slope,
+        *information,
+    )  # fmt: skip
+    return np.asarray(result, np.float64)
+
+
+def _information(rig: GatedRig, background: npt.NDArray[Any], brightest: float) -> tuple[float, float, Float]:
+    """ln J on an even grid of ln μ: (first ln μ, 1/step, values), covering all means of the capture."""
+    low = max(float(background.min()), 1e-4)
+    high = max(brightest + float(background.max()), 2.0 * low)
+    low = min(low, high / 10.0)
+    grid = np.linspace(math.log(low * 0.99), math.log(high * 1.01), 1 + math.ceil(64 * math.log(high / low)))
+    table = information_table(noise_model(rig))
+    values = np.log(np.maximum(np.asarray(table(np.exp(grid)), np.float64), 1e-300))
+    return float(grid[0]), float(1.0 / (grid[1] - grid[0])), values

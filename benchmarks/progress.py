@@ -1,0 +1,82 @@
+"""Progress of a run: bars in a terminal, plain lines elsewhere. Any callable of the same arguments will do."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
+    from rich.progress import TaskID
+
+__all__ = ["Bars", "Lines", "Progress", "silent", "terminal_progress"]
+
+
+class Progress(Protocol):
+    """Told of every step: `stage` ("generate", "estimate", "report"), steps `done` of `total`, and what it was."""
+
+    def __call__(self, stage: str, done: int, total: int, text: str) -> None: ...
+
+
+def silent(stage: str, done: int, total: int, text: str) -> None:
+    """Say nothing."""
+
+
+class Lines:
+    """One plain line per step, at most one a second and stage, and always the last."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream if stream is not None else sys.stderr
+        self._last: dict[str, float] = {}
+
+    def __enter__(self) -> Lines:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stream.flush()
+
+    def __call__(self, stage: str, done: int, total: int, text: str) -> None:
+        now = time.monotonic()
+        if done < total and now - self._last.get(stage, -1e9) < 1.0:
+            return
+        self._last[stage] = now
+        print(f"{stage} {done}/{total} {text}".rstrip(), file=self._stream, flush=True)
+
+
+class Bars:
+    """One bar per stage. Use in a `with` block."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._bars: RichProgress = Progress(
+            TextColumn("{task.fields[stage]:<9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+            TextColumn("{task.description}"), console=Console(stderr=True), transient=False,
+        )  # fmt: skip
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Bars:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bars.stop()
+
+    def __call__(self, stage: str, done: int, total: int, text: str) -> None:
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bars.add_task(text, total=total, stage=stage)
+        # Names come from suites and plug-ins: square brackets of labels are not markup.
+        self._bars.update(self._tasks[stage], completed=done, total=total, description=text.replace("[", "\\["))
+
+
+def terminal_progress(stream: TextIO | None = None) -> Bars | Lines:
+    """Bars where standard error is a terminal, else lines."""
+    chosen = stream if stream is not None else sys.stderr
+    return Bars() if chosen.isatty() and stream is None else Lines(chosen)

@@ -1,0 +1,117 @@
+"""What passes between runner and child: arrays as .npy files (never pickled), everything else as lines of JSON.
+
+Folder of one capture: `<variable>.npy` for every variable and coordinate, `meta-<condition>.json` with the dims and
+attributes of each. The child maps the arrays read-only. Its answer is one .npy per result variable and one JSON line.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+__all__ = [
+    "RESULT", "THREAD_VARIABLES", "file_sums", "open_capture", "read_results", "write_capture", "write_meta",
+]  # fmt: skip
+
+#: Per modality: the result's variable, and the dims of it, of `sigma` and of `valid`.
+RESULT: dict[str, tuple[str, tuple[str, ...]]] = {"gated": ("range", ("row", "col"))}
+
+#: Set to 1 in the child's environment, before anything is imported there.
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "NUMEXPR_NUM_THREADS",
+    "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "RAYON_NUM_THREADS", "DRJIT_NUM_THREADS",
+)  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars and arrays in attributes as plain JSON values."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return value
+
+
+def _attributes(attrs: Any) -> dict[str, Any]:
+    return {str(key): _plain(value) for key, value in attrs.items()}
+
+
+def write_capture(folder: Path, capture: xr.Dataset) -> None:
+    """Write the arrays of a capture whose truth is hidden.
+
+    Raises:
+        ValueError: the capture still holds truth. Nothing is written then.
+    """
+    names = [str(name) for name in capture.variables]
+    if held := [name for name in [*names, *map(str, capture.attrs)] if name.startswith("truth_")]:
+        raise ValueError(f"a capture for an estimator must not hold truth: {held}")
+    folder.mkdir(parents=True)
+    for name in names:
+        path = folder / f"{name}.npy"
+        np.save(path, np.ascontiguousarray(capture[name].values), allow_pickle=False)
+        path.chmod(0o444)
+
+
+def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
+    """Write dims and attributes of a capture as one condition presents them."""
+    variables = {
+        str(name): {
+            "dims": [str(dim) for dim in variable.dims],
+            "attrs": _attributes(variable.attrs),
+            "coordinate": name in capture.coords,
+        }
+        for name, variable in capture.variables.items()
+    }
+    meta = {"variables": variables, "attrs": _attributes(capture.attrs)}
+    (folder / f"meta-{condition}.json").write_text(json.dumps(meta), encoding="utf-8")
+
+
+def open_capture(folder: Path, condition: str) -> xr.Dataset:
+    """Map a capture's arrays read-only and build the dataset that an estimator gets."""
+    meta = json.loads((folder / f"meta-{condition}.json").read_text(encoding="utf-8"))
+    data: dict[str, Any] = {}
+    coords: dict[str, Any] = {}
+    for name, entry in meta["variables"].items():
+        array = np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
+        # A plain view of the mapping: read-only, and its flag cannot be switched on since the base's is off.
+        (coords if entry["coordinate"] else data)[name] = (entry["dims"], array.view(np.ndarray), entry["attrs"])
+    return xr.Dataset(data, coords=coords, attrs=meta["attrs"])
+
+
+def file_sums(folder: Path) -> dict[str, int]:
+    """CRC-32 of every file of a capture: tells whether an estimator changed what the next one reads."""
+    return {path.name: zlib.crc32(path.read_bytes()) for path in sorted(folder.iterdir())}
+
+
+def read_results(folder: Path, modality: str, shape: tuple[int, ...]) -> tuple[dict[str, np.ndarray], str]:
+    """Read and check what a child wrote: (arrays, "") or ({}, what is wrong). Never unpickles; checks before it loads.
+
+    Checked: presence, shape, kind (floats, `valid` boolean), finite `range` and finite positive `sigma` where valid.
+    """
+    quantity, dims = RESULT[modality]
+    arrays: dict[str, np.ndarray] = {}
+    for name in (quantity, "sigma", "valid"):
+        path = folder / f"{name}.npy"
+        if not path.is_file() or os.path.islink(path):
+            return {}, f"no variable {name!r}"
+        try:
+            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
+        except (ValueError, OSError, EOFError) as error:
+            return {}, f"{name} is not an array: {error}"
+        if mapped.shape != shape:
+            return {}, f"{name} has shape {mapped.shape}, not {shape} {dims}"
+        if mapped.dtype.kind != ("b" if name == "valid" else "f"):
+            return {}, f"{name} is of type {mapped.dtype}"
+        arrays[name] = np.array(mapped, dtype=bool if name == "valid" else np.float64)
+    valid = arrays["valid"]
+    if bad := int(np.count_nonzero(valid & ~np.isfinite(arrays[quantity]))):
+        return {}, f"{quantity} is not finite at {bad} elements marked valid"
+    with np.errstate(invalid="ignore"):
+        good_sigma = np.isfinite(arrays["sigma"]) & (arrays["sigma"] > 0)
+    if bad := int(np.count_nonzero(valid & ~good_sigma)):
+        return {}, f"sigma is not finite and positive at {bad} elements marked valid"
+    return arrays, ""

@@ -1,0 +1,59 @@
+"""run.json: what was run, on what machine, with which versions, how long it took and what was warned of."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+__all__ = ["machine", "now", "versions"]
+
+_PACKAGES = (
+    "beambench", "numpy", "scipy", "numba", "xarray", "zarr", "mitsuba", "drjit", "pandas", "pyarrow", "pydantic",
+    "trimesh",
+)  # fmt: skip
+
+
+def now() -> str:
+    """UTC, ISO 8601, whole seconds."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _processor() -> str:
+    """The processor's name as the kernel tells it, else the architecture."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            for line in file:
+                if line.startswith("model name"):
+                    return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.machine()
+
+
+def machine() -> dict[str, Any]:
+    """The machine, without names of people or hosts."""
+    import psutil
+
+    return {
+        "system": f"{platform.system()} {platform.release()}",
+        "processor": _processor(),
+        "cores_usable": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory_bytes": psutil.virtual_memory().total,
+        "device_class": "cpu",
+        "threads_per_estimator": 1,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Python and the packages that a number can depend on; absent ones are left out."""
+    found = {"python": sys.version.split()[0]}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,288 @@
+"""Run a suite: generate → store → estimate → score → report. Memory holds one capture at a time."""
+
+from __future__ import annotations
+
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..scenes.errors import InputError
+from .estimator_labels import Chosen, check_estimators
+from .files import write_json
+from .output import Journal, default_folder, prepare_folder
+from .picture_files import write_picture
+from .progress import Progress, silent
+from .record import machine, now, versions
+from .runner import Job, Outcome, Session, run_sessions
+from .score import errors_of, score_rows
+from .spool import Entry, Spool
+from .suite import Cell, Loaded, cells_of, load_suite
+from .suite_spec import Split
+from .tables import sort_rows, write_tables
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["RunResult", "run_suite"]
+
+#: Captures are spooled for the children until they fill this much disk; then all estimators run on them.
+_SPOOL_BYTES = 2 * 2**30
+
+
+@dataclass
+class RunResult:
+    """What a run left: its folder, the rows of its table, what was warned of, and the page's path."""
+
+    out: Path
+    rows: list[dict[str, Any]]
+    warnings: list[str]
+    failures: list[dict[str, str]]
+    report: Path | None
+    wall_s: float
+    stages: dict[str, float] = field(default_factory=dict)
+
+
+def run_suite(
+    suite: str | Path | Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    split: Split = "test",
+    resume: bool = False,
+    overwrite: bool = False,
+    report: bool = True,
+    progress: Progress = silent,
+    command: list[str] | None = None,
+) -> RunResult:
+    """Run a suite and write its folder: captures/, the tables, run.json, pictures/ and report.html.
+
+    Main arguments:
+        suite: name, path or plain data. out: the folder; ./beambench-runs/<suite>-<time> by default.
+    Other arguments:
+        overrides: {path: value}; see `load_suite`. split: which seeds to score on.
+        resume: keep what an interrupted run of the same suite finished. overwrite: replace a run.
+        report: write the page. progress: told of every step. command: what was typed, for run.json.
+
+    An estimator that fails is a row with its status; the run goes on. Raises InputError for bad input, before anything
+    is generated.
+    """
+    start = time.perf_counter()
+    loaded = load_suite(suite, overrides)
+    chosen = check_estimators(loaded.suite.estimators)
+    cells = cells_of(loaded, split)
+    folder = Path(out) if out is not None else default_folder(loaded.suite.suite)
+    prepare_folder(folder, loaded.hash, resume=resume, overwrite=overwrite)
+    run = _Run(loaded, chosen, folder, progress, len(cells))
+    began = now()
+    with Spool() as spool, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        batch: list[Entry] = []
+        for index, cell in enumerate(cells):
+            progress("generate", index, len(cells), cell.scene_name)
+            batch.append(run.spool_cell(spool, index, cell))
+            if sum(entry.bytes for entry in batch) > _SPOOL_BYTES:
+                run.estimate(spool, batch)
+                batch = []
+        progress("generate", len(cells), len(cells), "")
+        run.estimate(spool, batch)
+    run.warnings = list(dict.fromkeys(f"{item.category.__name__}: {item.message}" for item in caught))
+    rows = sort_rows(run.rows)
+    tick = time.perf_counter()
+    write_tables(folder, rows)
+    run.stages["tables"] = time.perf_counter() - tick
+    record = {
+        "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
+        "split": split, "seeds": list(getattr(loaded.suite.seeds, split)), "captures": len(cells),
+        "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
+        "overrides": dict(overrides or {}), "command": command or [], "started": began, "finished": now(),
+        "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
+        "machine": machine(), "versions": versions(), "warnings": run.warnings, "failures": run.failures,
+    }  # fmt: skip
+    write_json(folder / "run.json", record)
+    page = None
+    if report:
+        from .report import write_report
+
+        progress("report", 0, 1, "report.html")
+        tick = time.perf_counter()
+        page = write_report(folder)
+        run.stages["report"] = time.perf_counter() - tick
+        write_json(
+            folder / "run.json", record | {"stages_s": {name: round(value, 3) for name, value in run.stages.items()}}
+        )
+        progress("report", 1, 1, str(page))
+    wall = time.perf_counter() - start
+    return RunResult(folder, rows, run.warnings, run.failures, page, wall, run.stages)
+
+
+def _file_name(cell: Cell) -> str:
+    """A folder name for a cell: readable, and safe whatever the axes are called."""
+    parts = [cell.scene_name]
+    for axis, level in ((cell.stress, cell.level), (cell.stress2, cell.level2)):
+        if level == level:
+            parts.append(f"{axis}={level!r}")
+    parts.append(f"seed={cell.seed}")
+    return "".join(c if c.isalnum() or c in "._=-+" else "-" for c in "__".join(parts))
+
+
+class _Run:
+    """The state of one run."""
+
+    def __init__(self, loaded: Loaded, chosen: list[Chosen], folder: Path, progress: Progress, captures: int) -> None:
+        self.loaded, self.suite, self.chosen = loaded, loaded.suite, chosen
+        self.folder, self.progress = folder, progress
+        self.journal = Journal(folder, loaded.hash)
+        self.rows: list[dict[str, Any]] = []
+        self.warnings: list[str] = []
+        self.failures: list[dict[str, str]] = []
+        self.stages = dict.fromkeys(("generate", "store", "bound", "calibrate", "estimate"), 0.0)
+        self.total = captures * len(self.suite.conditions) * len(chosen)
+        self.done = 0
+        self._declared: dict[tuple[str, str], str] = {}
+
+    def _timed(self, stage: str, call: Callable[[], Any]) -> Any:
+        tick = time.perf_counter()
+        result = call()
+        self.stages[stage] += time.perf_counter() - tick
+        return result
+
+    def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
+        """Generate (or, resuming, read) a capture, store it, and spool it for the children."""
+        from .bounds.gated import gated_bound
+        from .score import truth_of
+
+        capture = self._capture(cell)
+        bound = self._timed("bound", lambda: gated_bound(capture))
+        return spool.add(index, cell, capture, self._conditions(cell, capture), truth_of(capture), bound)
+
+    def _store(self, cell: Cell) -> Path:
+        return self.folder / "captures" / f"{_file_name(cell)}.zarr"
+
+    def _capture(self, cell: Cell) -> xr.Dataset:
+        from ..captures.publish import partial_of
+        from ..captures.store import open_captures, write
+        from ..generator.generate import generate
+
+        path = self._store(cell)
+        if path.exists():  # resuming: a store under its final name is complete, and checked when read
+            return open_captures(path)[0]
+        fidelity: Any = self.suite.fidelity
+        shutil.rmtree(partial_of(path), ignore_errors=True)  # left by an interrupted run
+        capture = self._timed(
+            "generate",
+            lambda: generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=fidelity, rtol=self.suite.rtol),
+        )
+        self._timed("store", lambda: write(path, capture))
+        return capture  # type: ignore[no-any-return]
+
+    def _conditions(self, cell: Cell, capture: xr.Dataset) -> dict[str, Callable[[xr.Dataset], xr.Dataset]]:
+        return {name: self._condition(name, cell, capture) for name in self.suite.conditions}
+
+    def _condition(self, name: str, cell: Cell, capture: xr.Dataset) -> Callable[[xr.Dataset], xr.Dataset]:
+        if name == "matched":
+            return lambda hidden: hidden
+        from .calibrate import calibrated_rig
+
+        calibration = self.suite.calibration
+        assert calibration is not None
+        # One calibration serves all captures of a rig, as in a laboratory.
+        key = (str(capture.attrs["rig"]), cell.scene.model_dump_json(include={"rig"}))
+        if key not in self._declared:
+            self._declared[key] = self._timed("calibrate", lambda: calibrated_rig(cell.scene, key[0], calibration))
+        return lambda hidden: hidden.assign_attrs(rig=self._declared[key])
+
+    def estimate(self, spool: Spool, batch: list[Entry]) -> None:
+        """Run every estimator on the spooled captures, score, and drop them."""
+        tick = time.perf_counter()
+        entries = {entry.index: entry for entry in batch}
+        sessions = [
+            Session(chosen.label, self._jobs(batch, chosen), self.suite.limits, spool.open / f"estimator-{number}")
+            for number, chosen in enumerate(self.chosen)
+        ]
+        self.progress("estimate", self.done, self.total, "starting")
+        run_sessions(
+            sessions, lambda n, outcome: self._take(spool, entries[outcome.job.index], self.chosen[n], outcome)
+        )
+        for entry in batch:
+            spool.drop(entry)
+        self.stages["estimate"] += time.perf_counter() - tick
+
+    def _jobs(self, batch: list[Entry], chosen: Chosen) -> list[Job]:
+        """What an estimator still has to do; what the journal holds becomes rows at once."""
+        jobs: list[Job] = []
+        for entry in batch:
+            for condition in self.suite.conditions:
+                finished = self.journal.done.get(self._journal_key(entry, condition, chosen))
+                if finished is not None:
+                    self.rows += finished
+                    self.done += 1
+                else:
+                    jobs.append(Job(entry.index, entry.folder, condition, entry.modality, entry.shape))
+        return jobs
+
+    @staticmethod
+    def _journal_key(entry: Entry, condition: str, chosen: Chosen) -> tuple[str, ...]:
+        cell = entry.cell
+        axes = (cell.scene_name, cell.stress, repr(cell.level), cell.stress2, repr(cell.level2), str(cell.seed))
+        return (*axes, condition, chosen.label)
+
+    def _take(self, spool: Spool, entry: Entry, chosen: Chosen, outcome: Outcome) -> None:
+        cell, job = entry.cell, outcome.job
+        truth, bound = spool.truth(entry)
+        if not spool.intact(entry):
+            outcome.status = "invalid: changed its input"
+            self._restore(spool, entry)
+        key = {
+            "suite": self.suite.suite, "scene": cell.scene_name, "stress": cell.stress, "level": cell.level,
+            "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": job.condition,
+            "stage": "range", "estimator": chosen.name, "params": chosen.params,
+        }  # fmt: skip
+        rows = score_rows(
+            key, truth, bound, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
+            wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.suite.failure_at,
+        )  # fmt: skip
+        self.rows += rows
+        self.journal.add(self._journal_key(entry, job.condition, chosen), rows)
+        if outcome.status != "ok":
+            message = outcome.status + (f"\n{outcome.printed}" if outcome.printed.strip() else "")
+            self.failures.append({
+                "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
+            })  # fmt: skip
+        elif self._shown(cell, job.condition):
+            error = errors_of(outcome.arrays["range"], truth)
+            write_picture(
+                self.folder / "pictures",
+                cell.scene_name,
+                chosen.label,
+                job.condition,
+                outcome.arrays,
+                truth.range,
+                error,
+            )
+        self.done += 1
+        self.progress("estimate", self.done, self.total, chosen.label)
+
+    def _shown(self, cell: Cell, condition: str) -> bool:
+        """Pictures are kept of scenes as written, first seed, first condition."""
+        as_written = cell.level != cell.level and cell.seed == _first_seed(self.loaded, cell)
+        return as_written and condition == self.suite.conditions[0]
+
+    def _restore(self, spool: Spool, entry: Entry) -> None:
+        from ..captures.store import open_captures
+
+        capture = open_captures(self._store(entry.cell))[0]
+        truth, bound = spool.truth(entry)
+        spool.drop(entry)
+        spool.add(entry.index, entry.cell, capture, self._conditions(entry.cell, capture), truth, bound)
+
+
+def _first_seed(loaded: Loaded, cell: Cell) -> int:
+    """The seed whose pictures are kept: the first one of the cell's split."""
+    for seeds in (loaded.suite.seeds.test, loaded.suite.seeds.dev):
+        if cell.seed in seeds:
+            return int(seeds[0])
+    raise InputError("A cell has a seed that the suite does not hold.", where="seeds", value=cell.seed)

@@ -1,0 +1,196 @@
+"""Streaming moments of a stack over delay, in integers where the delays are even: the engine of `weighted-average`.
+
+For even delays the moments Σ y, Σ k·y, Σ k²·y need no multiplication: running sums of running sums, from the last slice
+to the first, give them exactly in 32 bits for 64 slices at a time. One pass over the counts, blocks of pixels whose
+accumulators stay in the first cache levels, nothing copied; range and sigma are finished block by block.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..optics.jit import kernel
+from .stack import Stack
+
+__all__ = ["average_even", "average_general", "even_order"]
+
+#: Pixels per block: long runs of each slice for the prefetcher, accumulators in the second cache level.
+BLOCK = 8192
+#: Slices per integer segment: 65535·Σ(k+1)(k+2)/2 over 64 slices is 3.0e9 < 2³².
+SEGMENT = 64
+
+
+@kernel(error_model="numpy")
+def _add_eight(y7, y6, y5, y4, y3, y2, y1, y0, s0, s1, s2, high):  # type: ignore[no-untyped-def]
+    for p in range(s0.size):
+        a, b, c = s0[p], s1[p], s2[p]
+        a += np.uint32(y7[p])
+        b += a
+        c += b
+        a += np.uint32(y6[p])
+        b += a
+        c += b
+        a += np.uint32(y5[p])
+        b += a
+        c += b
+        a += np.uint32(y4[p])
+        b += a
+        c += b
+        a += np.uint32(y3[p])
+        b += a
+        c += b
+        a += np.uint32(y2[p])
+        b += a
+        c += b
+        a += np.uint32(y1[p])
+        b += a
+        c += b
+        a += np.uint32(y0[p])
+        b += a
+        c += b
+        s0[p], s1[p], s2[p] = a, b, c
+    for p in range(s0.size):
+        upper = max(max(y7[p], y6[p]), max(y5[p], y4[p]))
+        lower = max(max(y3[p], y2[p]), max(y1[p], y0[p]))
+        high[p] = max(high[p], max(upper, lower))
+
+
+@kernel(error_model="numpy")
+def _add_one(y, s0, s1, s2, high):  # type: ignore[no-untyped-def]
+    for p in range(s0.size):
+        s0[p] += np.uint32(y[p])
+        s1[p] += s0[p]
+        s2[p] += s1[p]
+        high[p] = max(high[p], y[p])
+
+
+@kernel(error_model="numpy")
+def _finish(m0, m1, m2, high, level, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
+    """Value a + b·t and sigma b·√Var t of t = Σx(y−B)/Σ(y−B), with Var t = Σ (x−t)²·Var y + share·(Σ(x−t))²·Var B."""
+    n, t1, t2 = sums
+    offset, gain, excess, floor, share, limit = noise
+    origin, unit, last, spread = scale
+    for i in range(m0.size):
+        back = level[i]
+        net = m0[i] - n * back
+        t = (m1[i] - t1 * back) / net
+        d0 = m0[i] - n * offset
+        d1 = m1[i] - t1 * offset
+        d2 = m2[i] - t2 * offset
+        lever = t1 - n * t
+        variance = excess * gain * (d2 - t * (2 * d1 - t * d0)) + floor * (t2 - t * (2 * t1 - n * t))
+        variance += share * lever * lever * (excess * gain * max(back - offset, 0.0) + floor)
+        quiet = excess * gain * max(d0, 0.0) + floor * n
+        good = (net > 0) & (gain * gain * net * net > 9 * quiet) & (variance > 0)
+        good = good & (t >= 0) & (t <= last) & (high[i] < limit)
+        value[i] = origin + unit * t if good else np.nan
+        sigma[i] = unit * spread * np.sqrt(variance) / (gain * net) if good else np.nan
+        valid[i] = good
+
+
+@kernel(error_model="numpy")
+def average_even(counts, begin, end, level, least, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
+    """Weighted average of counts (slice, pixel), uint16, slices begin…end−1 at positions x = 0, 1, …
+
+    level: background [DN] per pixel, or of one element for all; with `least` the pixel's smallest count instead.
+    sums: n, Σx, Σx²; noise: offset, 1/gain, F², floor variance, share of the background's variance, clip level;
+    scale: origin and unit of the value, greatest x, factor of sigma. Fills value, sigma (NaN where invalid), valid.
+    """
+    pixels = counts.shape[1]
+    s0, s1, s2 = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32)
+    high, low = np.empty(BLOCK, np.uint16), np.empty(BLOCK, np.uint16)
+    m0, m1, m2, back = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    for p0 in range(0, pixels, BLOCK):
+        p1 = min(p0 + BLOCK, pixels)
+        n = p1 - p0
+        a, b, c, h = s0[:n], s1[:n], s2[:n], high[:n]
+        h[:] = 0
+        m0[:n] = 0.0
+        m1[:n] = 0.0
+        m2[:n] = 0.0
+        for k0 in range(begin, end, SEGMENT):
+            a[:] = 0
+            b[:] = 0
+            c[:] = 0
+            k = min(k0 + SEGMENT, end) - 1
+            while k - 7 >= k0:
+                _add_eight(
+                    counts[k, p0:p1], counts[k - 1, p0:p1], counts[k - 2, p0:p1], counts[k - 3, p0:p1],
+                    counts[k - 4, p0:p1], counts[k - 5, p0:p1], counts[k - 6, p0:p1], counts[k - 7, p0:p1], a, b, c, h,
+                )  # fmt: skip
+                k -= 8
+            while k >= k0:
+                _add_one(counts[k, p0:p1], a, b, c, h)
+                k -= 1
+            shift = float(k0 - begin)
+            for p in range(n):
+                # b = Σ(m+1)y, c = Σ(m+1)(m+2)/2·y with m counted from k0.
+                z0 = float(a[p])
+                z1 = float(b[p]) - z0
+                z2 = 2 * float(c[p]) - float(b[p]) - 2 * z1 - z0
+                m0[p] += z0
+                m1[p] += z1 + shift * z0
+                m2[p] += z2 + shift * (2 * z1 + shift * z0)
+        if least:
+            w = low[:n]
+            w[:] = 65535
+            for k in range(begin, end):
+                y = counts[k, p0:p1]
+                for p in range(n):
+                    w[p] = min(w[p], y[p])
+            back[:n] = w
+        elif level.size == 1:
+            back[:n] = level[0]
+        else:
+            back[:n] = level[p0:p1]
+        _finish(m0[:n], m1[:n], m2[:n], h, back[:n], sums, noise, scale, value[p0:p1], sigma[p0:p1], valid[p0:p1])
+
+
+@kernel(error_model="numpy")
+def average_general(counts, slices, weight, position, level, least, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
+    """As `average_even` for any layout of counts (slice, row, col) and any position x and weight w per used slice."""
+    rows, cols = counts.shape[1], counts.shape[2]
+    a, b, c = np.empty(cols), np.empty(cols), np.empty(cols)
+    high, low, back = np.empty(cols), np.empty(cols), np.empty(cols)
+    for row in range(rows):
+        a[:] = 0.0
+        b[:] = 0.0
+        c[:] = 0.0
+        high[:] = -np.inf
+        low[:] = np.inf
+        for i in range(slices.size):
+            k, x, f = slices[i], position[i], weight[i]
+            for p in range(cols):
+                y = float(counts[k, row, p])
+                a[p] += f * y
+                b[p] += f * x * y
+                c[p] += f * x * x * y
+                # NaN must reach the test of `_finish`, whatever the order of max's arguments.
+                high[p] = y if not y <= high[p] else high[p]
+                low[p] = min(low[p], y)
+        if least:
+            back[:] = low
+        elif level.size == 1:
+            back[:] = level[0]
+        else:
+            back[:] = level[row * cols : (row + 1) * cols]
+        cut = slice(row * cols, (row + 1) * cols)
+        _finish(a, b, c, high, back, sums, noise, scale, value[cut], sigma[cut], valid[cut])
+
+
+def even_order(stack: Stack) -> tuple[int, int] | None:
+    """(first, last + 1) of the signal slices where the integer kernel applies: uint16, C order, consecutive slices of
+    rising, even delay, one gate, equal pulses; else None."""
+    n = stack.signal
+    used = stack.group < n
+    signal, group = stack.slices[used], stack.group[used]
+    if stack.counts.dtype != np.uint16 or not stack.counts.flags.c_contiguous or signal.size != n or n < 2:
+        return None
+    order = np.empty(n, dtype=np.int64)
+    order[group] = signal
+    if (np.diff(order) != 1).any() or (stack.gate[:n] != stack.gate[0]).any() or (stack.exposure[:n] != 1).any():
+        return None
+    even = np.linspace(stack.delay_s[0], stack.delay_s[n - 1], n)
+    if not np.allclose(stack.delay_s[:n], even, rtol=0, atol=1e-6 * stack.spacing_s()):
+        return None
+    return int(order[0]), int(order[0]) + n

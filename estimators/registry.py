@@ -1,0 +1,156 @@
+"""The registry: mark, find and run estimators. Built-ins are listed in `estimators/__init__.py`; third parties use the
+entry-point group ``beambench.estimators`` (name -> "module:function")."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, TypeVar, cast
+
+import xarray as xr
+
+from ..scenes.errors import InputError
+from .labels import check_parameters, format_label, parse_label
+from .result import check_result
+
+__all__ = ["ENTRY_POINT_GROUP", "Estimator", "estimator", "get_estimator", "list_estimators", "run_estimator"]
+
+ENTRY_POINT_GROUP = "beambench.estimators"
+MODALITIES = ("gated", "waveform", "amcw", "laser_line", "wavefront")
+_MARK = "__beambench_estimator__"
+_F = TypeVar("_F", bound=Callable[..., xr.Dataset])
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A registered algorithm: `function(capture, **params) -> Dataset` with what it reads and where it comes from."""
+
+    name: str
+    modality: str
+    cites: str
+    function: Callable[..., xr.Dataset]
+
+    def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:
+        """Run with checked parameters and a checked result. Raises InputError."""
+        checked = check_parameters(self.function, params, where=self.name)
+        modality = str(capture.attrs.get("modality", ""))
+        if modality != self.modality:
+            raise InputError(
+                f"estimator {self.name} reads {self.modality} captures, this one is of another modality",
+                where="attribute modality",
+                value=modality,
+                allowed=self.modality,
+            )
+        return check_result(self.function(capture, **checked), capture, self.name)
+
+
+def estimator(modality: str, *, cites: str) -> Callable[[_F], _F]:
+    """Mark a function as an estimator of `modality`; `cites` names the source of the algorithm (author, year, number).
+
+    Raises InputError for an unknown modality or an empty `cites`.
+    """
+    if modality not in MODALITIES:
+        raise InputError("unknown modality", where="@estimator", value=modality, allowed=", ".join(MODALITIES))
+    if not cites.strip():
+        raise InputError("an estimator must name its source", where="@estimator(cites=...)", value=cites)
+
+    def mark(function: _F) -> _F:
+        setattr(function, _MARK, (modality, cites))
+        return function
+
+    return mark
+
+
+@lru_cache(maxsize=1)
+def _plugins() -> dict[str, EntryPoint]:
+    # Kept: a scan of all installed packages takes as long as an estimator does.
+    found: dict[str, EntryPoint] = {}
+    builtin = _builtin()
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        other = found[point.name].value if point.name in found else builtin.get(point.name)
+        if other is not None and other != point.value:
+            raise InputError(
+                f"two estimators are named {point.name}",
+                where=f"entry-point group {ENTRY_POINT_GROUP}",
+                value=[other, point.value],
+                next_step="rename or uninstall one of the two packages",
+            )
+        found[point.name] = point
+    return found
+
+
+def _builtin() -> Mapping[str, str]:
+    from . import BUILTIN
+
+    return BUILTIN
+
+
+def _targets() -> dict[str, str]:
+    return {**_builtin(), **{name: point.value for name, point in _plugins().items()}}
+
+
+def _describe(name: str, function: Any, where: str) -> Estimator:
+    mark = getattr(function, _MARK, None)
+    if not callable(function) or mark is None:
+        raise InputError(
+            f"estimator {name} is not a marked function",
+            where=where,
+            value=function,
+            allowed='a function under @estimator("gated", cites="...")',
+        )
+    modality, cites = cast("tuple[str, str]", mark)
+    return Estimator(name=name, modality=modality, cites=cites, function=function)
+
+
+def get_estimator(name: str) -> Estimator:
+    """The estimator called `name`. Raises InputError where it is unknown, unmarked or cannot be imported."""
+    targets = _targets()
+    if name not in targets:
+        import difflib
+
+        near = difflib.get_close_matches(name, targets, n=3)
+        raise InputError(
+            "unknown estimator",
+            where="estimators",
+            value=name,
+            allowed=", ".join(sorted(targets)),
+            next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimators list",
+        )
+    module, _, attribute = targets[name].partition(":")
+    try:
+        function = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"estimator {name} cannot be imported: {error}", where=targets[name], next_step="check the plug-in package"
+        ) from error
+    return _describe(name, function, targets[name])
+
+
+def list_estimators(modality: str | None = None) -> tuple[str, ...]:
+    """Sorted names of all estimators, of one modality where given (which imports them)."""
+    names = sorted(_targets())
+    if modality is None:
+        return tuple(names)
+    return tuple(name for name in names if get_estimator(name).modality == modality)
+
+
+def run_estimator(label: str | Callable[..., xr.Dataset] | Estimator, capture: xr.Dataset) -> xr.Dataset:
+    """Run `name[key=value,...]`, or a marked function, on one capture; the result is checked against the contract.
+
+    Returns range (row, col) [m], sigma (row, col) [m], valid (row, col); attributes estimator (the label) and cites.
+    Raises InputError for unknown names and parameters, and for a result that breaks the contract.
+    """
+    if isinstance(label, str):
+        name, params = parse_label(label)
+        chosen = get_estimator(name)
+    elif isinstance(label, Estimator):
+        chosen, params = label, {}
+    else:
+        chosen, params = _describe(getattr(label, "__name__", "function"), label, "run_estimator"), {}
+    result = chosen(capture, **params)
+    result.attrs["estimator"] = format_label(chosen.name, params)
+    result.attrs["cites"] = chosen.cites
+    return result

@@ -1,0 +1,204 @@
+"""Suite files: loaded, overridden, hashed and refused with a message that helps."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beambench.benchmarks.estimator_labels import check_estimators
+from beambench.benchmarks.output import Journal, default_folder, prepare_folder
+from beambench.benchmarks.suite import capture_key, cells_of, list_suites, load_suite
+from beambench.scenes.errors import InputError
+
+
+def suite(**changes: Any) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "suite": "small", "version": 1, "title": "Small", "scenes": ["flat-wall"],
+        "seeds": {"dev": [1], "test": [2, 3]}, "estimators": ["peak"], "limits": {"time_s": 5.0, "memory_bytes": 2**30},
+    }  # fmt: skip
+    return data | changes
+
+
+def test_every_suite_that_ships_loads_and_names_known_estimators() -> None:
+    assert "quickstart" in list_suites()
+    for name in list_suites():
+        loaded = load_suite(name)
+        assert loaded.suite.suite == name
+        assert check_estimators(loaded.suite.estimators)
+        assert cells_of(loaded)
+
+
+def test_the_quickstart_is_as_large_as_promised() -> None:
+    loaded = load_suite("quickstart")
+    assert len(loaded.scenes) >= 3
+    assert set(loaded.suite.conditions) == {"matched", "calibrated"}
+    for _, scene in loaded.scenes:
+        assert scene.rig.camera.rows >= 256
+        assert scene.rig.camera.cols >= 256
+        assert scene.rig.delays.count * len(scene.rig.gates) >= 64
+
+
+def test_cells_are_scenes_by_levels_by_seeds() -> None:
+    stresses = [
+        {"axis": "rig.ambient_e_per_s", "values": [0.0, 1e6]},
+        {
+            "axis": "rig.pulses_per_slice",
+            "values": [10, 20],
+            "axis2": "rig.detector.read_noise_e",
+            "values2": [1.0, 5.0],
+        },
+    ]
+    cells = cells_of(load_suite(suite(stresses=stresses)))
+    assert len(cells) == 2 * (1 + 2 + 4)
+    assert math.isnan(cells[0].level)
+    assert cells[0].stress == "none"
+    grid = [cell for cell in cells if cell.stress2 != "none"]
+    assert {(c.level, c.level2) for c in grid} == {(10.0, 1.0), (10.0, 5.0), (20.0, 1.0), (20.0, 5.0)}
+    assert {c.scene.rig.pulses_per_slice for c in grid} == {10, 20}
+    assert len({c.key for c in cells}) == 7  # one key per (scene, stress, level), whatever the seed
+
+
+def test_keys_are_of_named_axes_and_never_change() -> None:
+    assert capture_key("flat-wall", "none", math.nan) == 169694216592984
+    assert capture_key("flat-wall", "a", 1.0) != capture_key("flat-wall", "a", 2.0)
+    assert 0 <= capture_key("x", "y", 0.5) < 2**48
+
+
+def test_the_split_chooses_the_seeds() -> None:
+    loaded = load_suite(suite())
+    assert [c.seed for c in cells_of(loaded, "dev")] == [1]
+    assert [c.seed for c in cells_of(loaded)] == [2, 3]
+    with pytest.raises(InputError, match="no dev seeds"):
+        cells_of(load_suite(suite(seeds={"test": [1]})), "dev")
+
+
+def test_overrides_reach_the_suite_and_every_scene() -> None:
+    plain = load_suite(suite())
+    loaded = load_suite(suite(), {"seeds.test": [9], "rig.camera.rows": 16, "target.wall.material.albedo": 0.25})
+    assert loaded.suite.seeds.test == (9,)
+    assert loaded.scenes[0][1].rig.camera.rows == 16
+    assert loaded.scenes[0][1].target[0].material.albedo == 0.25  # type: ignore[union-attr]
+    assert loaded.hash != plain.hash
+
+
+def test_the_hash_is_of_the_content(tmp_path: Path) -> None:
+    import json
+
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(suite()))
+    assert load_suite(path).hash == load_suite(suite(title="Other words")).hash
+    assert load_suite(path).hash != load_suite(suite(version=2)).hash
+
+
+def test_a_scene_may_be_listed_twice_under_two_names() -> None:
+    entry = {"scene": "flat-wall", "name": "dim", "overrides": {"target.wall.material.albedo": 0.05}}
+    loaded = load_suite(suite(scenes=["flat-wall", entry]))
+    assert [name for name, _ in loaded.scenes] == ["flat-wall", "dim"]
+    with pytest.raises(InputError, match="same name"):
+        load_suite(suite(scenes=["flat-wall", "flat-wall"]))
+
+
+def test_scene_files_lie_beside_the_suite(tmp_path: Path) -> None:
+    import json
+
+    from beambench.scenes.load import load_scene
+
+    (tmp_path / "own.json").write_text(load_scene("flat-wall").model_dump_json())
+    (tmp_path / "mine.json").write_text(json.dumps(suite(scenes=["own.json"])))
+    assert load_suite(tmp_path / "mine.json").scenes[0][0] == "flat-wall"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scenes": ["flat-wal"]}, "flat-wall"),
+        ({"scenes": []}, "at least 1"),
+        ({"estimatorz": ["peak"]}, "estimators"),
+        ({"seeds": {"dev": [1], "test": [1]}}, "apart"),
+        ({"seeds": {"test": [-1]}}, "greater than or equal to 0"),
+        ({"conditions": ["calibrated"]}, "calibration"),
+        ({"conditions": ["guessed"]}, "matched"),
+        ({"limits": {"time_s": -1.0, "memory_bytes": 2**30}}, "greater than 0"),
+        ({"limits": {"time_s": 1.0}}, "memory_bytes"),
+        ({"stresses": [{"axis": "rig.ambientt", "values": [1.0]}]}, "ambientt"),
+        ({"stresses": [{"axis": "rig.ambient_e_per_s", "values": [-1.0]}]}, "does not fit"),
+        ({"stresses": [{"axis": "rig.ambient_e_per_s", "values": [1.0], "axis2": "rig.t0_s"}]}, "together"),
+        ({"failure_at": 0.0}, "greater than 0"),
+        ({"estimators": ["peak", "peak"]}, "once"),
+    ],
+)
+def test_a_bad_suite_is_refused_with_what_is_allowed(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_suite(suite(**changes))
+    assert message in str(caught.value)
+
+
+def test_an_unknown_suite_or_override_tells_what_is_near() -> None:
+    with pytest.raises(InputError, match="quickstart"):
+        load_suite("quickstrat")
+    with pytest.raises(InputError, match="estimators"):
+        load_suite(suite(), {"estimater": ["peak"]})
+
+
+def test_estimators_are_checked_before_anything_runs() -> None:
+    with pytest.raises(InputError, match="weighted-average"):
+        check_estimators(["weighted-averag"])
+    with pytest.raises(InputError, match="unknown parameter"):
+        check_estimators(["peak[nonsense=1]"])
+    with pytest.raises(InputError, match="twice"):
+        check_estimators(["peak", " peak "])
+    (chosen,) = check_estimators(["peak"])
+    assert (chosen.name, chosen.params, chosen.label) == ("peak", "", "peak")
+
+
+def test_an_output_is_never_overwritten_unasked(tmp_path: Path) -> None:
+    place = tmp_path / "run"
+    prepare_folder(place, "h", resume=False, overwrite=False)
+    Journal(place, "h")
+    with pytest.raises(InputError, match="not empty"):
+        prepare_folder(place, "h", resume=False, overwrite=False)
+    with pytest.raises(InputError, match="another suite"):
+        prepare_folder(place, "other", resume=True, overwrite=False)
+    prepare_folder(place, "h", resume=True, overwrite=False)
+    (place / "notes.txt").write_text("mine")
+    prepare_folder(place, "h", resume=False, overwrite=True)
+    assert (place / "notes.txt").exists()
+    assert not (place / "journal.jsonl").exists()
+    with pytest.raises(InputError, match="exclude"):
+        prepare_folder(place, "h", resume=True, overwrite=True)
+    stranger = tmp_path / "home"
+    stranger.mkdir()
+    (stranger / "thesis.tex").write_text("x")
+    with pytest.raises(InputError, match="no run"):
+        prepare_folder(stranger, "h", resume=False, overwrite=True)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="not a folder"):
+        prepare_folder(tmp_path / "file", "h", resume=False, overwrite=False)
+    with pytest.raises(InputError, match="cannot be written"):
+        prepare_folder(tmp_path / "file" / "below", "h", resume=False, overwrite=False)
+
+
+def test_the_journal_takes_up_what_was_ok_and_skips_a_torn_line(tmp_path: Path) -> None:
+    prepare_folder(tmp_path, "h", resume=False, overwrite=False)
+    journal = Journal(tmp_path, "h")
+    journal.add(("a", "1"), [{"status": "ok", "rmse": 0.5, "efficiency": math.nan}])
+    journal.add(("b", "1"), [{"status": "timeout: x", "rmse": math.nan}])
+    with open(journal.path, "a") as file:
+        file.write('{"key": ["c", "1"], "rows": [{"sta')
+    again = Journal(tmp_path, "h")
+    assert list(again.done) == [("a", "1")]
+    again.add(("d", "1"), [{"status": "ok"}])
+    assert list(Journal(tmp_path, "h").done) == [("a", "1"), ("d", "1")]
+    (row,) = again.done["a", "1"]
+    assert row["rmse"] == 0.5
+    assert math.isnan(row["efficiency"])
+
+
+def test_default_folders_do_not_collide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = default_folder("x")
+    first.mkdir(parents=True)
+    assert default_folder("x") != first

@@ -1,0 +1,104 @@
+"""`beambench run` as a user types it, on a suite that takes a second."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import beambench
+from beambench import cli
+
+SUITE = """
+schema_version = 1
+suite = "tiny"
+version = 1
+title = "Two estimators, one of which does not fit"
+scenes = [{ scene = "flat-wall", overrides = { "rig.camera.rows" = 16, "rig.camera.cols" = 16 } }]
+conditions = ["matched"]
+estimators = ["peak", "weighted-average"]
+fidelity = "direct"
+rtol = 1.0e-2
+
+[seeds]
+dev = [1]
+test = [2, 3]
+
+[limits]
+time_s = 30.0
+memory_bytes = 2147483648
+"""
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("mitsuba")
+    path = tmp_path_factory.mktemp("suite") / "tiny.toml"
+    path.write_text(SUITE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "tiny"
+    assert cli.main(["run", str(suite), "-o", str(out), "--set", "rig.detector.read_noise_e=3"]) == 0
+    return out
+
+
+def test_it_leaves_tables_captures_and_a_page(folder: Path) -> None:
+    for name in ("scores.csv", "scores.parquet", "run.json", "report.html", "speed-accuracy.png", "speed-accuracy.svg"):
+        assert (folder / name).stat().st_size > 0
+    record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    assert record["overrides"] == {"rig.detector.read_noise_e": 3}
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "weighted-average" in page and "flat-wall" in page
+
+
+def test_it_ends_with_best_fastest_and_the_page(
+    suite: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:  # resumed, so that nothing is computed again
+    words = ["run", str(suite), "-o", str(folder), "--set", "rig.detector.read_noise_e=3", "--resume"]
+    assert cli.main(words) == 0
+    lines = capsys.readouterr().out.strip().splitlines()
+    assert [line.split()[0] for line in lines[:2]] == ["best", "fastest"]
+    assert any(line.startswith("fails") for line in lines)
+    assert lines[-1].split() == ["page", str((folder / "report.html").resolve())]
+
+
+def test_an_existing_folder_is_kept(suite: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (folder / "scores.csv").read_bytes()
+    assert cli.main(["run", str(suite), "-o", str(folder)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert cli.main(["run", str(suite), "-o", str(folder), "--resume"]) == 2, "another setting is another run"
+    assert (folder / "scores.csv").read_bytes() == before
+
+
+def test_a_function_gives_the_same_accuracy(suite: Path, folder: Path, tmp_path: Path) -> None:
+    """Config and Python: the accuracy table is the same bytes. Also: no report where none is wanted."""
+    result = beambench.run(suite, overrides={"rig.detector.read_noise_e": 3}, out=tmp_path / "again", report=False)
+    assert result.report is None and not (tmp_path / "again" / "report.html").exists()
+    assert (tmp_path / "again" / "accuracy.csv").read_bytes() == (folder / "accuracy.csv").read_bytes()
+
+
+def test_generate_makes_the_captures_of_a_run(suite: Path, tmp_path: Path, folder: Path) -> None:
+    from beambench.captures.compare import compare_captures
+    from beambench.captures.store import open_captures
+
+    made = beambench.generate(suite, overrides={"rig.detector.read_noise_e": 3}, out=tmp_path / "captures")
+    assert made.paths == [tmp_path / "captures" / "flat-wall.zarr"]
+    by_seed = {int(capture.attrs["seed"]): capture for capture in open_captures(made.paths[0])}
+    stores = sorted((folder / "captures").glob("*.zarr"))
+    assert len(stores) == len(by_seed) == 2
+    for store in stores:
+        capture = open_captures(store)[0]
+        assert compare_captures(capture, by_seed[int(capture.attrs["seed"])]).equal
+
+
+def test_estimators_can_be_chosen(suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "one"
+    assert cli.main(["run", str(suite), "-e", "peak", "--split", "dev", "--no-report", "-o", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["report"] is None and told["closing"][0].startswith("best     peak")
+    assert cli.main(["run", str(suite), "-e", "peek", "-o", str(tmp_path / "two")]) == 2
+    assert "peak" in capsys.readouterr().err and not (tmp_path / "two").exists()

@@ -1,0 +1,235 @@
+"""What a run says in words, and the numbers and pictures behind it."""
+
+from __future__ import annotations
+
+import importlib.util
+import struct
+import zlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from beambench.benchmarks.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, range_limits
+from beambench.benchmarks.report_data import base_cells, cells_of, mark_front, read_scores
+from beambench.benchmarks.report_layout import log_domain, log_ticks, place_labels
+from beambench.benchmarks.report_text import closing_lines, number, rank, rate, summary, time_text
+
+
+def _load() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("_api_fixtures.py"))
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+made_up = _load()
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    folder = made_up.make_run(tmp_path_factory.mktemp("run"), stress=True, pictures=False)
+    scores = read_scores(folder)
+    assert len(scores) == 3 * 2 * 2 * 6 + 12
+    return scores
+
+
+def test_closing_lines(table: pd.DataFrame) -> None:
+    best, fastest, *rest = closing_lines(table)
+    assert best.startswith("best     poisson-ml")
+    assert fastest.startswith("fastest  peak: 4.00 ns")
+    fails = {line.split()[1].rstrip(":"): line for line in rest}
+    assert set(fails) == {"peak", "weighted-average", "parabola", "chua-2017"}
+    assert "step, matched (crash)" in fails["parabola"]
+    assert "tank-relief, matched (22.0 % of pixels)" in fails["chua-2017"]
+
+
+def test_closing_lines_without_failures_and_without_results() -> None:
+    good = pd.DataFrame([made_up.score_row()])
+    assert closing_lines(good)[-1].startswith("fails    none")
+    bad = pd.DataFrame([made_up.score_row(status="timeout: call over 3 s", rmse_full=np.nan)])
+    first, second = closing_lines(bad)
+    assert "none" in first and "(timeout)" in second
+
+
+def test_three_sentences(table: pd.DataFrame) -> None:
+    sentences = summary(table)
+    assert len(sentences) == 3 and all(sentence.endswith(".") for sentence in sentences)
+    assert "4 estimators fail" in sentences[2]
+
+
+def test_refusing_does_not_pay() -> None:
+    """The ranking goes by the error over all elements, so answering a few easy ones does not win."""
+    rows = [
+        made_up.score_row(estimator="picky", coverage=0.3, rmse=1e-5, rmse_full=5e-2),
+        made_up.score_row(estimator="plain", coverage=1.0, rmse=1e-3, rmse_full=1e-3),
+    ]
+    assert [r.label for r in rank(cells_of(pd.DataFrame(rows)))] == ["plain", "picky"]
+
+
+def test_who_crashed_somewhere_comes_last() -> None:
+    rows = [
+        made_up.score_row(scene="a", estimator="brittle", rmse_full=1e-6),
+        made_up.score_row(scene="b", estimator="brittle", status="crash", rmse_full=np.nan),
+        made_up.score_row(scene="a", estimator="steady"),
+        made_up.score_row(scene="b", estimator="steady"),
+    ]
+    assert [r.label for r in rank(cells_of(pd.DataFrame(rows)))] == ["steady", "brittle"]
+
+
+def test_seeds_are_pooled_as_squares() -> None:
+    rows = [made_up.score_row(seed=0, rmse_full=3e-3), made_up.score_row(seed=1, rmse_full=4e-3)]
+    (cell,) = cells_of(pd.DataFrame(rows))
+    assert cell.rmse_full == pytest.approx(np.sqrt((9e-6 + 16e-6) / 2), rel=1e-12)
+    assert cell.seeds == 2
+
+
+def test_cost_counts_every_element_that_was_read() -> None:
+    """throughput × wall time is the number of elements read; n is only those with an unmixed truth."""
+    (cell,) = cells_of(pd.DataFrame([made_up.score_row(n=10, cpu_s=2.0, wall_s=4.0, throughput=250.0)]))
+    assert cell.cpu_per_element_s == pytest.approx(2e-3, rel=1e-12)
+
+
+def test_pareto_front() -> None:
+    points = {"a": (1.0, 9.0), "b": (2.0, 9.0), "c": (3.0, 1.0), "d": (4.0, 2.0)}
+    rows = [
+        made_up.score_row(estimator=name, cpu_s=cpu, wall_s=1.0, throughput=1.0, rmse_full=error)
+        for name, (cpu, error) in points.items()
+    ]
+    cells = cells_of(pd.DataFrame(rows))
+    mark_front(cells)
+    assert {cell.label for cell in cells if cell.front} == {"a", "c"}
+
+
+def test_stressed_and_mixed_cells_stand_apart() -> None:
+    rows = [
+        made_up.score_row(),
+        made_up.score_row(stress="background", level="0.5"),
+        made_up.score_row(quantity="range-mixed"),
+    ]
+    cells = cells_of(pd.DataFrame(rows))
+    assert [cell.quantity for cell in base_cells(cells)] == ["range"]
+    assert {cell.place for cell in cells} == {
+        "flat-wall, matched", "flat-wall, matched, background 0.5", "flat-wall, matched, mixed pixels",
+    }  # fmt: skip
+
+
+def test_parquet_and_csv_read_the_same(tmp_path: Path, table: pd.DataFrame) -> None:
+    table.to_parquet(tmp_path / "scores.parquet")
+    pd.testing.assert_frame_equal(read_scores(tmp_path), table, check_column_type=False)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (1.0, "1.00"), (0.012345, "0.0123"), (123456.0, "123456"), (1.5e9, "1.50e+09"), (float("nan"), "–")],
+)
+def test_numbers(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1.0, "100 %"), (0.99999, "> 99.9 %"), (0.0, "0 %"), (1e-6, "< 0.1 %"), (0.5, "50.0 %")]
+)
+def test_rates_do_not_round_away_what_matters(value: float, text: str) -> None:
+    assert rate(value) == text
+
+
+def test_times() -> None:
+    assert [time_text(value) for value in (2.5e-9, 3e-6, 0.5, 12.0)] == ["2.50 ns", "3.00 µs", "500 ms", "12.0 s"]
+
+
+def _decode(image: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Palette indices (row, col) and palette (n, 3) of a PNG, with every checksum verified."""
+    assert image.startswith(b"\x89PNG\r\n\x1a\n")
+    chunks, at = {}, 8
+    while at < len(image):
+        (length,) = struct.unpack(">I", image[at : at + 4])
+        kind, data = image[at + 4 : at + 8], image[at + 8 : at + 8 + length]
+        assert struct.unpack(">I", image[at + 8 + length : at + 12 + length])[0] == zlib.crc32(kind + data)
+        chunks[kind] = data
+        at += 12 + length
+    cols, rows = struct.unpack(">II", chunks[b"IHDR"][:8])
+    raw = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(rows, cols + 1)
+    assert not raw[:, 0].any()
+    return raw[:, 1:], np.frombuffer(chunks[b"PLTE"], np.uint8).reshape(-1, 3)
+
+
+def test_pictures_show_values_by_their_colours() -> None:
+    values = np.array([[0.0, 1.0, 2.0], [-9.0, 9.0, np.nan]])
+    answered = np.array([[True, True, True], [True, True, False]])
+    index, palette = _decode(png(values, 0.0, 2.0, SEQUENTIAL, answered=answered))
+    assert tuple(palette[index[0, 0]]) == (0x44, 0x01, 0x54) and tuple(palette[index[0, 2]]) == (0xFD, 0xE7, 0x25)
+    assert index[1, 0] == index[0, 0] and index[1, 1] == index[0, 2], "values beyond the scale take its end colours"
+    assert index[1, 2] == len(palette) - 1, "an answer that is due and missing has its own colour"
+    assert _decode(png(values, 0.0, 2.0, SEQUENTIAL))[0][1, 2] == len(palette) - 2, "no truth is clear"
+
+
+def test_pictures_agree_with_another_decoder(tmp_path: Path) -> None:
+    """OpenImageIO, which shares no code with our writer, reads the same colours."""
+    oiio = pytest.importorskip("OpenImageIO")
+    values = np.linspace(-1, 1, 12 * 7).reshape(12, 7)
+    image = png(values, -1.0, 1.0, DIVERGING)
+    (tmp_path / "x.png").write_bytes(image)
+    pixels = oiio.ImageBuf(str(tmp_path / "x.png")).get_pixels(oiio.UINT8)
+    index, palette = _decode(image)
+    assert np.array_equal(pixels[..., :3], palette[index])
+
+
+def test_large_pictures_are_thinned() -> None:
+    index, _ = _decode(png(np.zeros((1000, 640)), -1.0, 1.0, DIVERGING))
+    assert max(index.shape) <= 320
+
+
+def test_lightness_of_the_range_colours_rises() -> None:
+    """Also in grey, as the colour-blind and a printer see it (Rec. 709 luma)."""
+    luma = lut(SEQUENTIAL, 64) @ np.array([0.2126, 0.7152, 0.0722])
+    assert np.all(np.diff(luma) > 0)
+
+
+def _picture(error: float) -> Picture:
+    values = np.full((8, 8), error, np.float32)
+    return Picture("s", "e", "", values, values, values, np.ones((8, 8), bool))
+
+
+def test_one_bad_estimator_does_not_wash_out_the_rest() -> None:
+    good = [_picture(1e-3) for _ in range(4)]
+    assert error_limit(good) == pytest.approx(5e-3)
+    assert error_limit([*good, _picture(1.0)]) == pytest.approx(5e-3)
+    assert error_limit([_picture(0.0)]) > 0
+    assert range_limits(np.full((4, 4), np.nan)) == (0.0, 1.0)
+    assert range_limits(np.full((4, 4), 5.0)) == pytest.approx((4.995, 5.005))
+
+
+def test_ticks_and_limits() -> None:
+    lo, hi = log_domain([1.0, 30.0])
+    assert lo < 1.0 and hi > 30.0
+    assert log_ticks(lo, hi) == [1.0, 2.0, 5.0, 10.0, 20.0]
+    assert log_ticks(0.9, 3000.0) == [1.0, 10.0, 100.0, 1000.0]
+    lo, hi = log_domain([2.0, 2.0])
+    assert hi / lo >= 10**0.5 * 0.99
+
+
+def test_labels_do_not_overlap() -> None:
+    """Eight names at nearly one place: every pair of label boxes is apart."""
+    points = [
+        {"cpu": 10 * 1.02**i, "error": 1.0 * 1.01**i, "front": i == 0, "text": f"name-{i}", "label": f"{i}"}
+        for i in range(8)
+    ]
+    points.append({"cpu": 1000.0, "error": 100.0, "front": False, "text": "far", "label": "far"})
+    place_labels(points, [point["error"] for point in points])
+    places = {(point["align"], point["dx"], point["dy"]) for point in points[:8]}
+    assert len(places) >= 6
+
+
+def test_an_estimator_is_labelled_once_unless_its_points_lie_apart() -> None:
+    def points(second: float) -> list[dict[str, object]]:
+        first = {"cpu": 10.0, "error": 1.0, "front": False, "text": "a", "label": "a"}
+        return [first, first | {"error": second}, {"cpu": 1e3, "error": 1e3, "front": False, "text": "b", "label": "b"}]
+
+    for second, shown in ((1.05, ["a", "", "b"]), (300.0, ["a", "a", "b"])):
+        placed = points(second)
+        place_labels(placed, [1.0, 1e3])
+        assert [point["text"] for point in placed] == shown

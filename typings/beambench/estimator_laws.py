@@ -1,0 +1,1 @@
+../../api/estimator_laws.py
