@@ -61,7 +61,7 @@ def from_outside(stack: Stack) -> tuple[Float, Float]:
     background, number = np.full(shape, np.nan), np.zeros(shape)
     if stack.signal:
         # Beyond, R is under a thousandth of its peak: waiting for 1e-7 would leave no slice in a window of usual length.
-        reach = max(float(r.half_width(np.float64(0.999))) for r in stack.instrument.responses)
+        reach = max(0.5 * r.step_s * float((r.value >= 1e-3 * r.peak).sum()) for r in stack.instrument.responses)
         _outside(stack.counts, stack.slices, stack.group, stack.centroid_delay_s, stack.signal, reach,
                  stack.instrument.offset_dn, background, number)  # fmt: skip
     repeats = stack.count[0] if stack.signal else 1.0
