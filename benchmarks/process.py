@@ -68,6 +68,7 @@ class Child:
             os.set_blocking(fd, False)
 
     def send(self, message: dict[str, Any]) -> None:
+        """Send one line of JSON."""
         with contextlib.suppress(BrokenPipeError):  # a dead child is told by the end of its events
             os.write(self.jobs, (json.dumps(message) + "\n").encode())
 
@@ -93,6 +94,7 @@ class Child:
         return events, bool(data)
 
     def resident_bytes(self) -> int:
+        """Resident memory of the child and of all that it started, as far as they were found."""
         import psutil
 
         total = 0

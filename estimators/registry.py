@@ -64,9 +64,15 @@ def estimator(modality: str, *, cites: str) -> Callable[[_F], _F]:
     return mark
 
 
-@lru_cache(maxsize=1)
 def _plugins() -> dict[str, EntryPoint]:
-    # Kept: a scan of all installed packages takes as long as an estimator does.
+    import sys
+
+    return _plugins_on(tuple(sys.path))
+
+
+@lru_cache(maxsize=4)
+def _plugins_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    # Kept per search path: a scan of all installed packages takes as long as an estimator does.
     found: dict[str, EntryPoint] = {}
     builtin = _builtin()
     for point in entry_points(group=ENTRY_POINT_GROUP):

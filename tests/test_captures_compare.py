@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import json
 import platform
+import re
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,8 @@ def test_provenance_is_json_repeatable_and_anonymous() -> None:
     assert {"beambench", "python", "packages", "platform", "cpu"} <= set(first)
     assert first["packages"]["numpy"] == np.__version__
     assert cpu()["model"]
-    assert platform.node() not in text and str(Path.home()) + "/" not in text
+    words = set(re.findall(r"[\w.-]+", text))  # a host called "vm" is part of "llvmlite" without being told
+    assert platform.node() not in words and str(Path.home()) + "/" not in text
     if len(getpass.getuser()) > 4:
         assert getpass.getuser() not in text
     with pytest.raises(InputError, match="representable as JSON"):

@@ -106,22 +106,22 @@ def test_unmarked_function_and_other_modality_are_refused() -> None:
 def test_good_plugin_runs_and_a_duplicate_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     here = "beambench.estimators.peak:peak"
     monkeypatch.setattr(registry, "entry_points", lambda group: [EntryPoint("third", here, group)])
-    registry._plugins.cache_clear()
+    registry._plugins_on.cache_clear()
     try:
         assert "third" in list_estimators()
         assert run_estimator("third", _capture()).attrs["estimator"] == "third"
         clash = [EntryPoint("parabola", here, "g"), EntryPoint("third", here, "g")]
         monkeypatch.setattr(registry, "entry_points", lambda group: clash)
-        registry._plugins.cache_clear()
+        registry._plugins_on.cache_clear()
         with pytest.raises(InputError, match="two estimators are named parabola"):
             list_estimators()
         broken = [EntryPoint("gone", "no_such_module_here:f", "g")]
         monkeypatch.setattr(registry, "entry_points", lambda group: broken)
-        registry._plugins.cache_clear()
+        registry._plugins_on.cache_clear()
         with pytest.raises(InputError, match="cannot be imported"):
             get_estimator("gone")
     finally:
-        registry._plugins.cache_clear()
+        registry._plugins_on.cache_clear()
 
 
 def test_bad_rigs_and_stacks_are_refused() -> None:
