@@ -21,6 +21,7 @@ from scipy.special import erf
 
 from ...generator.direct import render_direct
 from ...generator.trace import Tracer, pixel_directions
+from ...scenes.scene import gated_rig
 from .mitransient_direct import bunny_scene, ours
 
 __all__ = ["compare"]
@@ -31,12 +32,12 @@ def compare(mesh: str | None, size: int, rtol: float, repeats: int = 7) -> dict[
     scene = bunny_scene(mesh, size)
     tracer = Tracer(scene)
     rays = render_direct(scene, rtol, tracer).rays
-    camera = scene.rig.camera
+    camera = gated_rig(scene).camera
     pixels = camera.rows * camera.cols
     rng = np.random.default_rng(0)
     row, col = rng.uniform(0, camera.rows - 1, rays), rng.uniform(0, camera.cols - 1, rays)
     direction = pixel_directions(camera, np.sort(row), col)
-    slices = scene.rig.delays.count
+    slices = gated_rig(scene).delays.count
     u = rng.uniform(-3, 3, pixels).astype(np.float64)
     out = np.empty((slices, pixels), dtype=np.float32)
     threads = len(os.sched_getaffinity(0))
