@@ -1,4 +1,4 @@
-"""Make the README's pictures from a run of the quickstart: python docs/pictures.py RUN_FOLDER."""
+"""Make the README's pictures from a run of the quickstart, and print its table: python docs/pictures.py RUN_FOLDER."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from beambench.benchmarks.pictures import DIVERGING, SEQUENTIAL, png, range_limits, read_pictures
 from beambench.captures import open_captures
@@ -30,5 +31,29 @@ def main(run: Path) -> None:
         (folder / f"{name}-error.png").write_bytes(png(picture.error, -0.01, 0.01, DIVERGING))
 
 
+def table(run: Path) -> str:
+    """The matched condition as a Markdown table: RMSE over all pixels in mm, beside it the coverage; CPU as a ratio."""
+    scores = pd.read_csv(run / "scores.csv", dtype={"level": str})
+    scores = scores[(scores.condition == "matched") & (scores.quantity == "range")]
+    scores["name"] = [
+        e if not isinstance(p, str) or p in ("", "{}") else f"{e} ({p})"
+        for e, p in zip(scores.estimator, scores.params, strict=True)
+    ]
+    scenes = sorted(scores.scene.unique())
+    fastest = scores.groupby("name").cpu_s.mean().min()
+    lines = ["| estimator | " + " | ".join(f"{s}, mm" for s in scenes) + " | efficiency | CPU ratio |"]
+    lines.append("|---" * (len(scenes) + 3) + "|")
+    bound = scores.groupby("scene").bound.first()
+    lines.append("| *bound* | " + " | ".join(f"*{bound[s] * 1e3:.2f}*" for s in scenes) + " | *1* | |")
+    for name, rows in sorted(scores.groupby("name"), key=lambda item: item[1].rmse_full.mean()):
+        by = rows.set_index("scene")
+        cells = [f"{by.rmse_full[s] * 1e3:.3g} ({by.coverage[s]:.0%})" for s in scenes]
+        efficiency = rows.efficiency.mean()
+        shown = "–" if np.isnan(efficiency) else f"{efficiency:.2f}"
+        lines.append(f"| `{name}` | " + " | ".join(cells) + f" | {shown} | {rows.cpu_s.mean() / fastest:.0f} |")
+    return "\n".join(lines)
+
+
 if __name__ == "__main__":
     main(Path(sys.argv[1]))
+    print(table(Path(sys.argv[1])))
