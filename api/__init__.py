@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .scenes.errors import InputError
+    from .verb_break import break_
     from .verb_compare import compare
     from .verb_data import data_finalize, data_repair, data_status, data_verify
     from .verb_doctor import doctor
@@ -21,15 +22,18 @@ if TYPE_CHECKING:
     from .verb_estimators import estimators_check, estimators_list, estimators_new
     from .verb_generate import generate
     from .verb_report import report
+    from .verb_reproduce import reproduce
     from .verb_run import run
     from .verb_scenes import scenes_list, scenes_show
     from .verb_score import score
+    from .verb_sweep import sweep
 
     __version__: str
 
 __all__ = [
     "InputError",
     "__version__",
+    "break_",
     "compare",
     "data_finalize",
     "data_repair",
@@ -42,14 +46,17 @@ __all__ = [
     "estimators_new",
     "generate",
     "report",
+    "reproduce",
     "run",
     "scenes_list",
     "scenes_show",
     "score",
+    "sweep",
 ]
 
 _HOME = {
     "InputError": ".scenes.errors",
+    "break_": ".verb_break",
     "compare": ".verb_compare",
     "data_finalize": ".verb_data",
     "data_repair": ".verb_data",
@@ -62,10 +69,12 @@ _HOME = {
     "estimators_new": ".verb_estimators",
     "generate": ".verb_generate",
     "report": ".verb_report",
+    "reproduce": ".verb_reproduce",
     "run": ".verb_run",
     "scenes_list": ".verb_scenes",
     "scenes_show": ".verb_scenes",
     "score": ".verb_score",
+    "sweep": ".verb_sweep",
 }
 #: Sub-packages, imported on first use as well: `beambench.scenes.load_scene`.
 _ROOMS = ("benchmarks", "captures", "estimators", "generator", "optics", "scenes")

@@ -122,7 +122,7 @@ def score(
             f"bias, {unit}",
             f"bound, {unit}",
             "failed",
-            "CPU per element",
+            f"CPU per {cells[0].noun}",
             "status",
         ),
         [
@@ -139,7 +139,7 @@ def score(
             )
             for c in cells
         ],
-        right=(f"RMSE, {unit}", "coverage", f"bias, {unit}", f"bound, {unit}", "failed", "CPU per element"),
+        right=(f"RMSE, {unit}", "coverage", f"bias, {unit}", f"bound, {unit}", "failed", f"CPU per {cells[0].noun}"),
     )
     print_lines("", *closing_lines(table), f"tables   {folder}/scores.csv", f"next     beambench report {folder}")
     return 0

@@ -1,4 +1,4 @@
-"""Commands of a whole run: run, report, compare, doctor."""
+"""Commands of a whole run: run, report, compare, reproduce, doctor."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ def register(app: App) -> None:
         (run, "run", 1, _RUN),
         (report, "report", 20, _REPORT),
         (compare, "compare", 21, _COMPARE),
+        (reproduce, "reproduce", 22, _REPRODUCE),
         (doctor, "doctor", 80, _DOCTOR),
     ):
         app.command(function, name=name, sort_key=order, help_epilogue=epilogue)
@@ -196,6 +197,69 @@ def _compared(row: Any) -> list[str]:
         change(row["failure_change"]),
         row["status"],
     ]
+
+
+_REPRODUCE = """Examples:
+  beambench reproduce
+  beambench reproduce -o reproduction --no-pictures --json"""
+
+
+def reproduce(
+    *,
+    out: Out = None,
+    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    pictures: Annotated[bool, Parameter(show_default=False)] = True,
+    common: Common | None = None,
+) -> int:
+    """Recompute the equations, figures and tables of Guo et al., sections 2 to 5, with a verdict on each.
+
+    Parameters
+    ----------
+    overwrite
+        Replace an earlier output.
+    pictures
+        Draw charts, raw images and surfaces.
+    """
+    from dataclasses import asdict
+
+    from .benchmarks.reproduce.rows import VERDICTS
+    from .verb_reproduce import reproduce as verb
+
+    def say(part: str) -> None:
+        print(part, file=sys.stderr, flush=True)
+
+    result = verb(out=out, overwrite=overwrite, pictures=pictures, progress=None if common and common.json else say)
+    counts = {verdict: sum(row.verdict == verdict for row in result.rows) for verdict in VERDICTS}
+    if common and common.json:
+        print_json(
+            {
+                "out": str(result.out),
+                "page": str(result.page),
+                "counts": counts,
+                "rows": [asdict(row) for row in result.rows],
+                "wall_s": result.wall_s,
+            }
+        )
+        return 0
+    print_table(
+        ("item", "quantity", "unit", "published", "reproduced", "verdict"),
+        [
+            (row.item, row.quantity, row.unit, _number(row.published), _number(row.reproduced), row.verdict)
+            for row in result.rows
+        ],
+        right=("published", "reproduced"),
+    )
+    print_lines(
+        "",
+        ", ".join(f"{count} {verdict}" for verdict, count in counts.items()),
+        f"table    {result.out / 'reproduction.csv'}",
+        f"page     {result.page.resolve()}",
+    )
+    return 0
+
+
+def _number(value: float) -> str:
+    return "–" if value != value else f"{value:.4g}"
 
 
 _DOCTOR = """Examples:

@@ -46,9 +46,10 @@ def made_up_capture(
     from .optics.correlation import correlation
     from .scenes.declare import declared_rig, group_index, optics_gate, optics_pulse
     from .scenes.load import load_scene
+    from .scenes.scene import gated_rig
 
     scene = load_scene("flat-wall", {"rig.camera.rows": _ROWS, "rig.camera.cols": _COLS, **_NARROW})
-    rig = scene.rig
+    rig = gated_rig(scene)
     delays = rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count)
     index = group_index(scene.medium, rig.laser.wavelength_m)
     middle = delays[len(delays) // 2] * 299792458.0 / (2 * index)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +33,9 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
 
     Rows are paired by their whole key, seed included. `error_ratio` and `cpu_ratio` are geometric means over the pairs
     of B/A (rmse_full, cpu_s); `_lo` and `_hi` the 95 % t interval over seeds, NaN with one. `coverage_change` and
-    `failure_change` are mean differences B − A. The attribute `unpaired` counts the rows of A and of B without partner.
+    `failure_change` are mean differences B − A. The attribute `unpaired` counts the rows of A and of B without partner;
+    `over_scenes` holds one record per estimator, quantity and condition: the same ratio over scenes as written, with a
+    studentised bootstrap interval (six scenes or more) and p, Holm-corrected for all its records.
 
     Main arguments:
         a, b: folders of runs, or their scores.csv or scores.parquet.
@@ -87,7 +90,40 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
         )
     result = pd.DataFrame(rows)
     result.attrs["unpaired"] = (int((both["_merge"] == "left_only").sum()), int((both["_merge"] == "right_only").sum()))
+    result.attrs["over_scenes"] = _over_scenes(paired, label_of)
     return result
+
+
+def _over_scenes(paired: pd.DataFrame, label_of: Callable[[str, str], str]) -> list[dict[str, Any]]:
+    """Scenes are what was sampled: seeds are averaged within them, and the interval is over scenes."""
+    import numpy as np
+
+    from .benchmarks.inference_bootstrap import studentised
+    from .benchmarks.inference_pairs import holm
+
+    rows: list[dict[str, Any]] = []
+    known = (paired["rmse_full_a"] > 0) & (paired["rmse_full_b"] > 0)
+    base = ("", "none", "nan")  # how tables write that no axis was changed
+    plain = paired[known & paired["level"].str.lower().isin(base) & paired["level2"].str.lower().isin(base)]
+    plain = plain.assign(log=np.log(plain["rmse_full_b"].astype(float)) - np.log(plain["rmse_full_a"].astype(float)))
+    for _, group in plain.groupby(["estimator", "params", "quantity", "condition", "stage"], sort=False):
+        found = studentised(group.groupby("scene")["log"].mean().to_numpy(dtype=float))
+        first = group.iloc[0]
+        rows.append(
+            {
+                "estimator": label_of(first["estimator"], first["params"]),
+                "quantity": first["quantity"],
+                "condition": first["condition"],
+                "scenes": int(group["scene"].nunique()),
+                "error_ratio": float(np.exp(found.mean)),
+                "error_lo": float(np.exp(found.low)),
+                "error_hi": float(np.exp(found.high)),
+                "p": float(found.p),
+            }
+        )
+    for row, p in zip(rows, holm([row["p"] for row in rows]), strict=True):
+        row["p_holm"] = float(p)
+    return rows
 
 
 def _ratio(a: pd.Series[float], b: pd.Series[float]) -> tuple[float, float, float]:

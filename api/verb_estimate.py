@@ -42,7 +42,7 @@ def estimate(
     """
     from .benchmarks.estimator_labels import check_estimators
     from .benchmarks.progress import silent
-    from .benchmarks.protocol import write_capture, write_meta
+    from .benchmarks.protocol import RESULT, write_capture, write_meta
     from .benchmarks.runner import Job, Outcome, run_jobs
     from .benchmarks.suite_spec import Limits
     from .captures.hide import hide_truth
@@ -64,7 +64,7 @@ def estimate(
             place = Path(scratch) / f"{index:06d}"
             write_capture(place, hidden)
             write_meta(place, hidden, "matched")
-            shape = (int(hidden.sizes["row"]), int(hidden.sizes["col"]))
+            shape = tuple(int(hidden.sizes[dim]) for dim in RESULT[captures.modality][1])
             jobs.append(Job(index, place, "matched", str(hidden.attrs["modality"]), shape))
         folder.mkdir(parents=True, exist_ok=True)
         index_file = folder / "estimates.json"

@@ -155,15 +155,16 @@ def _is_suite(source: Any) -> bool:
 
 
 def _planned(item: _Item) -> dict[str, Any]:
-    camera, delays = item.scene.rig.camera, item.scene.rig.delays
-    slices = len(item.scene.rig.gates) * delays.count * delays.repeats + delays.laser_off
+    from .scenes.scene import sizes_of
+
+    slices, rows, cols = sizes_of(item.scene)
     return {
         "scene": item.scene.name,
         "seed": item.seed,
         "slices": slices,
-        "rows": camera.rows,
-        "cols": camera.cols,
-        "bytes": 2 * slices * camera.rows * camera.cols,
+        "rows": rows,
+        "cols": cols,
+        "bytes": 2 * slices * rows * cols,
         "fidelity": item.fidelity,
         "rtol": item.rtol,
     }

@@ -15,24 +15,25 @@ __all__ = ["scenes_list", "scenes_show"]
 def scenes_list() -> list[dict[str, Any]]:
     """The scenes of the library: name, title, modality, image size and number of slices."""
     from .scenes.load import list_scenes, load_scene
+    from .scenes.scene import sizes_of
 
-    rows = []
+    listed = []
     for name in list_scenes():
         scene = load_scene(name)
-        camera, delays = scene.rig.camera, scene.rig.delays
-        rows.append(
+        slices, rows, cols = sizes_of(scene)
+        listed.append(
             {
                 "name": name,
                 "title": scene.title,
                 "modality": scene.modality,
-                "rows": camera.rows,
-                "cols": camera.cols,
-                "slices": len(scene.rig.gates) * delays.count * delays.repeats + delays.laser_off,
+                "rows": rows,
+                "cols": cols,
+                "slices": slices,
                 "objects": len(scene.target),
                 "medium": scene.medium.name,
             }
         )
-    return rows
+    return listed
 
 
 def scenes_show(scene: str | Path | Mapping[str, Any] | Scene, *, overrides: Mapping[str, Any] | None = None) -> Scene:

@@ -37,7 +37,8 @@ def score(
     Raises:
         InputError: no store, no truth, no estimates, estimates that do not fit, two of one name, an output that exists.
     """
-    from .benchmarks.bounds.gated import gated_bound
+    from .benchmarks.bounds.dispatch import SCORED, bound_of
+    from .benchmarks.protocol import RESULT
     from .benchmarks.report_data import read_scores
     from .benchmarks.score import score_rows, truth_of
     from .benchmarks.tables import write_tables
@@ -49,11 +50,12 @@ def score(
     check_free(out, overwrite=overwrite)
     captures = open_captures(data)
     first = captures.load(0)
-    if captures.modality != "gated":
+    if captures.modality not in SCORED:
         raise InputError(
-            "This version scores gated captures.", where=str(data), value=captures.modality, allowed="gated"
-        )
-    shape = (int(first.sizes["row"]), int(first.sizes["col"]))
+            "This version does not score such captures.", where=str(data), value=captures.modality,
+            allowed=", ".join(SCORED),
+        )  # fmt: skip
+    shape = tuple(int(first.sizes[dim]) for dim in RESULT[captures.modality][1])
     tables = [read_estimates(path, len(captures), shape) for path in list_estimates(Path(estimates))]
     labels = [table.label for table in tables]
     if len(set(labels)) != len(labels):
@@ -69,7 +71,7 @@ def score(
             raise InputError(
                 "The capture holds no truth to score against.", where=f"{data}, capture {index}", value="none"
             )
-        truth, bound = truth_of(capture), gated_bound(capture)
+        truth, bound = truth_of(capture), bound_of(capture)
         for table in tables:
             name, _, params = table.label.partition("[")
             parse_label(table.label)
@@ -96,6 +98,7 @@ def score(
                 wall_s=table.wall_s[index],
                 peak_bytes=table.peak_bytes[index],
                 failure_at=failure_at,
+                modality=captures.modality,
             )
     folder = claim(out, f"scores-{Path(data).name}", overwrite=overwrite)
     folder.mkdir(parents=True, exist_ok=True)

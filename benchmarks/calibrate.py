@@ -20,7 +20,8 @@ import numpy.typing as npt
 from ..estimators.calibration.response import gate_from_scan, pulse_from_trace
 from ..optics import waveforms
 from ..scenes.declare import optics_gate, optics_pulse
-from ..scenes.scene import Scene
+from ..scenes.declare_waveform import shown_pulse
+from ..scenes.scene import Scene, gated_rig, waveform_rig
 from .suite_spec import Calibration
 
 __all__ = ["calibrated_rig", "record_gate", "record_pulse"]
@@ -74,17 +75,39 @@ def calibrated_rig(scene: Scene, declared: str, calibration: Calibration) -> str
 
     Main arguments:
         scene: its rig is what is recorded. declared: the capture's attribute `rig`. calibration: photons and seed.
+
+    A waveform rig's response is the pulse as its own detector shows it: that is recorded, and keeps its declared mean
+    time. An AMCW rig declares no waveform, so that nothing of it changes.
     """
+    if scene.modality == "waveform":
+        return _calibrated_waveform(scene, declared, calibration)
+    if scene.modality == "amcw":
+        return declared
     rig = json.loads(declared)
     step = float(rig["pulse"]["step_s"])
-    streams = np.random.SeedSequence(calibration.seed).spawn(1 + len(scene.rig.gates))
+    streams = np.random.SeedSequence(calibration.seed).spawn(1 + len(gated_rig(scene).gates))
     rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
-    time, counts = record_pulse(optics_pulse(scene.rig.laser.pulse), step, calibration.pulse_photoelectrons, rngs[0])
+    time, counts = record_pulse(
+        optics_pulse(gated_rig(scene).laser.pulse), step, calibration.pulse_photoelectrons, rngs[0]
+    )
     rig["pulse"] = pulse_from_trace(float(time[0]), step, counts)
     gates = []
-    for gate, rng, old in zip(scene.rig.gates, rngs[1:], rig["gates"], strict=True):
+    for gate, rng, old in zip(gated_rig(scene).gates, rngs[1:], rig["gates"], strict=True):
         delay, counts = record_gate(optics_gate(gate), step, calibration.gate_photoelectrons, rng)
         # The scan tells the shape; the height belongs to the photon transfer, which the declared rig already holds.
         gates.append(gate_from_scan(float(delay[0]), step, counts, transmission=max(old["value"])))
     rig["gates"] = gates
+    return json.dumps(rig, allow_nan=False)
+
+
+def _calibrated_waveform(scene: Scene, declared: str, calibration: Calibration) -> str:
+    rig = json.loads(declared)
+    old = rig["response"]
+    step, weight = float(old["step_s"]), np.asarray(old["value"], np.float64)
+    mean_time = float(old["start_s"]) + step * float((np.arange(weight.size) * weight).sum() / weight.sum())
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(calibration.seed)))
+    pulse, _ = shown_pulse(waveform_rig(scene))
+    time, counts = record_pulse(pulse, step, calibration.pulse_photoelectrons, rng)
+    found = pulse_from_trace(float(time[0]), step, counts)
+    rig["response"] = found | {"start_s": found["start_s"] + mean_time}
     return json.dumps(rig, allow_nan=False)

@@ -164,7 +164,7 @@ def main(arguments: list[str]) -> int:
                 tell(event="warm", job=job["job"])
                 if job["only_warm"]:
                     continue
-                result, figures = _measure(call, capture)
+                result, figures = _measure(call, capture) if job["timed"] else (call(capture), {})
                 wrong = _save(result, Path(job["output"]), job["shape"], job["quantity"], job["dims"])
             except MemoryError as error:
                 tell(event="memory", job=job["job"], message=describe(error))

@@ -16,7 +16,7 @@ __all__ = ["Journal", "default_folder", "prepare_folder"]
 #: What a run writes, and what `overwrite` may therefore remove. Other files in the folder stay.
 _OURS = (
     "captures", "pictures", "run.json", "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "report.html",
-    "speed-accuracy.png", "speed-accuracy.svg", "journal.jsonl",
+    "speed-accuracy.png", "speed-accuracy.svg", "journal.jsonl", "breakdown.csv", "failure_map.csv", "maps",
 )  # fmt: skip
 
 

@@ -20,7 +20,11 @@ __all__ = [
 ]  # fmt: skip
 
 #: Per modality: the result's variable, and the dims of it, of `sigma` and of `valid`.
-RESULT: dict[str, tuple[str, tuple[str, ...]]] = {"gated": ("range", ("row", "col"))}
+RESULT: dict[str, tuple[str, tuple[str, ...]]] = {
+    "gated": ("range", ("row", "col")),
+    "waveform": ("range", ("shot",)),
+    "amcw": ("range", ("shot",)),
+}
 
 #: Set to 1 in the child's environment, before anything is imported there.
 THREAD_VARIABLES = (

@@ -19,6 +19,7 @@ from .pictures import (
     range_limits,
     read_pictures,
 )
+from .report_breakdown import page_section
 from .report_charts import panel_title, panels_of, save_charts, speed_accuracy_spec, stress_groups, stress_spec
 from .report_data import Cell, base_cells, cells_of, mark_front, read_run, read_scores, seeds_of, unit_scale
 from .report_text import failures_of, number, rank, rate, summary, time_text
@@ -60,6 +61,7 @@ def write_report(run_dir: str | Path) -> Path:
         unit=unit_scale(base[0].unit)[1] if base else "",
         noun=base[0].noun if base else "element",
         scenes=_scenes(pictures, [r.label for r in rank(base)]),
+        breakdown=page_section(folder),
         failures=_failures(cells, run),
         machine=_facts(run.get("machine")),
         versions=_facts(run.get("versions")),

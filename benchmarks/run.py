@@ -152,11 +152,11 @@ class _Run:
 
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate (or, resuming, read) a capture, store it, and spool it for the children."""
-        from .bounds.gated import gated_bound
+        from .bounds.dispatch import bound_of
         from .score import truth_of
 
         capture = self._capture(cell)
-        bound = self._timed("bound", lambda: gated_bound(capture))
+        bound = self._timed("bound", lambda: bound_of(capture))
         return spool.add(index, cell, capture, self._conditions(cell, capture), truth_of(capture), bound)
 
     def _store(self, cell: Cell) -> Path:
@@ -244,6 +244,7 @@ class _Run:
         rows = score_rows(
             key, truth, bound, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
             wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.suite.failure_at,
+            modality=entry.modality,
         )  # fmt: skip
         self.rows += rows
         self.journal.add(self._journal_key(entry, job.condition, chosen), rows)
@@ -252,7 +253,7 @@ class _Run:
             self.failures.append({
                 "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
             })  # fmt: skip
-        elif self._shown(cell, job.condition):
+        elif truth.range.ndim == 2 and self._shown(cell, job.condition):
             error = errors_of(outcome.arrays["range"], truth)
             write_picture(
                 self.folder / "pictures",

@@ -34,13 +34,17 @@ _REFUSED = "error: refused: "
 
 @dataclass(frozen=True)
 class Job:
-    """One capture under one condition for one estimator. `shape` is that of the result's arrays."""
+    """One capture under one condition for one estimator. `shape` is that of the result's arrays.
+
+    `timed` False: one call, without its times and memory, which costs less where only the answer counts.
+    """
 
     index: int
     folder: Path
     condition: str
     modality: str
     shape: tuple[int, ...]
+    timed: bool = True
 
 
 @dataclass
@@ -165,7 +169,7 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
     message = {
         "job": job.index, "input": str(job.folder), "condition": job.condition, "output": str(answer),
         "shape": list(job.shape), "quantity": quantity, "dims": list(dims),
-        "only_warm": only_warm,
+        "only_warm": only_warm, "timed": job.timed,
     }  # fmt: skip
     child.send(message)
     first = not child.warm

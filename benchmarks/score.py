@@ -53,7 +53,7 @@ class Bound:
     """Per-element bound of the standard error, and what of the rig sets the scale of failure.
 
     Main arguments:
-        sigma (row, col): m; infinite where the capture holds no information, NaN where there is no truth.
+        sigma (row, col), or (shot): m; infinite where the capture holds no information, NaN where there is no truth.
         kind: "exact" or "quasi". response_m: cσ_R/2n_g. window_m: span of range that the stack can answer.
     """
 
@@ -79,9 +79,12 @@ class Truth:
 
 
 def truth_of(capture: xr.Dataset) -> Truth:
-    """The truth of a gated capture."""
+    """The truth of a capture; an element of a one-detector ranger is never mixed."""
+    true_range = np.asarray(capture["truth_range"].values, np.float64)
+    if "truth_mixed" not in capture:
+        return Truth(true_range, np.zeros(true_range.shape, bool), true_range, true_range)
     return Truth(
-        np.asarray(capture["truth_range"].values, np.float64),
+        true_range,
         np.asarray(capture["truth_mixed"].values, bool),
         np.asarray(capture["truth_first"].values, np.float64),
         np.asarray(capture["truth_last"].values, np.float64),
@@ -106,12 +109,15 @@ def score_rows(
     wall_s: float = math.nan,
     peak_bytes: float = math.nan,
     failure_at: float | None = None,
+    modality: str = "gated",
 ) -> list[dict[str, Any]]:
     """The table's rows for one estimate: quantity "range", and "range-mixed" where there are mixed elements.
 
     Main arguments:
         key: values of the key columns. estimate: `range`, `sigma`, `valid` (row, col), or None if there is none.
         status: "ok", or what went wrong: then the estimate is not looked at.
+    Other arguments:
+        modality: of the capture; what is (row, col) in a gated one is (shot) in the others.
     """
     shape = truth.range.shape
     has_truth = np.isfinite(truth.range)
@@ -120,7 +126,7 @@ def score_rows(
         estimate = {"range": nothing, "sigma": nothing, "valid": np.zeros(shape, bool)}
     errors = errors_of(estimate["range"], truth)
     threshold = failure_at if failure_at is not None else 0.5 * bound.response_m
-    blocks = block_ids((shape[0], shape[1]))
+    blocks = block_ids((shape[0], shape[1] if len(shape) > 1 else 1)).reshape(shape)
     rows = []
     for quantity, chosen in (("range", has_truth & ~truth.mixed), ("range-mixed", has_truth & truth.mixed)):
         if quantity == "range-mixed" and not chosen.any():
@@ -133,7 +139,7 @@ def score_rows(
         )  # fmt: skip
         figures["bound_kind"] = _kind(bound, sigma_bound) if unmixed else "none"
         row = {
-            **key, "modality": "gated", "quantity": quantity, "unit": "m", "failure_at": threshold, **figures,
+            **key, "modality": modality, "quantity": quantity, "unit": "m", "failure_at": threshold, **figures,
             "cpu_s": cpu_s, "wall_s": wall_s, "throughput": has_truth.size / wall_s if wall_s > 0 else math.nan,
             "peak_bytes": peak_bytes, "status": status,
         }  # fmt: skip

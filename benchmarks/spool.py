@@ -29,7 +29,7 @@ class Entry:
     cell: Cell
     folder: Path
     modality: str
-    shape: tuple[int, int]
+    shape: tuple[int, ...]
     sums: dict[str, int]
     bytes: int
 
@@ -104,7 +104,7 @@ class Spool:
             kind=np.str_(bound.kind), scale=np.array([bound.response_m, bound.window_m]),
         )  # fmt: skip
         size = sum(path.stat().st_size for path in folder.iterdir())
-        shape = (int(capture.sizes["row"]), int(capture.sizes["col"]))
+        shape = tuple(int(size) for size in truth.range.shape)
         return Entry(index, cell, folder, str(capture.attrs["modality"]), shape, file_sums(folder), size)
 
     def truth(self, entry: Entry) -> tuple[Truth, Bound]:

@@ -14,6 +14,7 @@ from ..scenes.errors import InputError
 from ..scenes.load import load_scene, read_spec_file, validate_spec
 from ..scenes.overrides import apply_overrides
 from ..scenes.scene import Scene
+from .stress import stressed
 from .suite_spec import Calibration, Condition, Limits, SceneEntry, Seeds, Split, Stress, Suite
 
 __all__ = [
@@ -94,8 +95,8 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
             next_step='give one of them its own name: { scene = "...", name = "..." }',
         )
     for stress in suite.stresses:  # a path that leads nowhere is told before anything runs
-        for name, scene in loaded:
-            _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None, name)
+        for _, scene in loaded:
+            _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
     return Loaded(suite, tuple(loaded), suite_hash(suite, loaded))
 
 
@@ -166,27 +167,11 @@ def capture_key(scene: str, stress: str, level: float, stress2: str = CELL_NONE,
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
 
 
-def _stressed(scene: Scene, stress: Stress, level: float, level2: float | None, name: str) -> Scene:
-    def fit(path: str, value: float) -> Any:
-        """Whole numbers stay whole: a path such as `pulses_per_slice` takes no fractions."""
-        node: Any = scene.model_dump(mode="json")
-        for part in path.split("."):
-            node = node.get(part) if isinstance(node, dict) else None
-        return int(value) if isinstance(node, int) and float(value).is_integer() else value
-
-    changes = {stress.axis: fit(stress.axis, level)}
+def _stressed(scene: Scene, stress: Stress, level: float, level2: float | None) -> Scene:
+    levels = [(stress.axis, level)]
     if stress.axis2 is not None and level2 is not None:
-        changes[stress.axis2] = fit(stress.axis2, level2)
-    try:
-        return load_scene(scene, changes)
-    except InputError as error:
-        raise InputError(
-            f"The stress {stress.axis!r} does not fit the scene {name!r}: {error.what}",
-            where=error.where,
-            value=error.value,
-            allowed=error.allowed,
-            next_step=error.next_step,
-        ) from error
+        levels.append((stress.axis2, level2))
+    return stressed(scene, levels)[0]
 
 
 def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
@@ -201,7 +186,7 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
         for stress in loaded.suite.stresses:
             for level in stress.values:
                 for level2 in stress.values2 or (None,):
-                    changed = _stressed(scene, stress, level, level2, name)
+                    changed = _stressed(scene, stress, level, level2)
                     second = (stress.axis2 or CELL_NONE, nan if level2 is None else level2)
                     grid.append((stress.axis, level, *second, changed))
         for axis, level, axis2, second_level, changed in grid:

@@ -27,7 +27,10 @@ class SceneEntry(Spec):
 
 
 class Stress(Spec):
-    """A numeric path of the scene (`axis`) and the values that it takes; with `axis2` a grid of two paths."""
+    """A stress (`axis`: a name of `stress.AXES` or a numeric path of the scene) and its levels; with `axis2` a grid.
+
+    A sweep refines the levels at the edge of breakdown; for it they run one way, from benign to breaking.
+    """
 
     axis: Annotated[str, Field(min_length=1)]
     values: Annotated[tuple[float, ...], Field(min_length=1)]
@@ -69,8 +72,8 @@ class Limits(Spec):
         output_bytes: what may be printed.
     """
 
-    time_s: Positive
-    memory_bytes: Annotated[int, Field(ge=2**20)]
+    time_s: Positive = 60.0
+    memory_bytes: Annotated[int, Field(ge=2**20)] = 2**31
     warmup_s: Positive = 120.0
     output_bytes: Annotated[int, Field(ge=0)] = 2**20
 
@@ -102,8 +105,8 @@ class Suite(Spec):
 
     schema_version: Literal[1] = 1
     suite: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
-    version: Annotated[int, Field(ge=1)]
-    title: str
+    version: Annotated[int, Field(ge=1)] = 1
+    title: str = ""
     scenes: Annotated[tuple[SceneEntry, ...], Field(min_length=1)]
     stresses: tuple[Stress, ...] = ()
     seeds: Seeds
@@ -113,7 +116,7 @@ class Suite(Spec):
     failure_at: Positive | None = None
     fidelity: str = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
-    limits: Limits
+    limits: Limits = Field(default_factory=Limits)
 
     @model_validator(mode="after")
     def _consistent(self) -> Suite:

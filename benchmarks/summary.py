@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from .inference_rates import wilson_interval
+
 __all__ = ["SUMMARY_COLUMNS", "summarise", "wilson_interval"]
 
 _GROUP = (
@@ -24,18 +26,6 @@ SUMMARY_COLUMNS = (
     "bias", "rmse", "rmse_full", "rmse_full_lo", "rmse_full_hi", "bound", "bound_kind", "efficiency", "efficiency_lo",
     "efficiency_hi", "z_rms", "cover95", "cpu_s", "cpu_s_lo", "cpu_s_hi", "throughput", "peak_bytes", "status",
 )  # fmt: skip
-
-_Z95 = 1.959963984540054
-
-
-def wilson_interval(successes: float, n: int) -> tuple[float, float]:
-    """95 % interval of a proportion (Wilson 1927): honest at 0 and 1, where the normal interval has no width."""
-    if n <= 0:
-        return math.nan, math.nan
-    p, z2 = successes / n, _Z95**2
-    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = _Z95 / (1 + z2 / n) * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def _t_interval(values: list[float]) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import re
 import types
 import typing
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any, Literal
 
 from ..scenes.errors import InputError
@@ -77,14 +78,17 @@ def _allowed(hint: Any) -> str:
     return getattr(hint, "__name__", str(hint))
 
 
+@lru_cache(maxsize=256)
+def _signature(function: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], dict[str, Any]]:
+    """Keyword-only parameters and the hints of `function`: read once, they take as long as a small estimate."""
+    parameters = inspect.signature(function).parameters.items()
+    known = {key: parameter for key, parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY}
+    return known, typing.get_type_hints(function)
+
+
 def check_parameters(function: Callable[..., Any], params: Mapping[str, Any], *, where: str) -> dict[str, Any]:
     """The parameters, checked against `function`'s keyword-only arguments. Raises InputError for unknown, bad ones."""
-    known = {
-        key: parameter
-        for key, parameter in inspect.signature(function).parameters.items()
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-    }
-    hints = typing.get_type_hints(function)
+    known, hints = _signature(function)
     for key, value in params.items():
         if key not in known:
             raise InputError(

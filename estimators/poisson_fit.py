@@ -7,7 +7,7 @@ import numpy as np
 
 from ..optics.jit import kernel
 
-__all__ = ["fit_careful", "fit_fast", "start"]
+__all__ = ["fit_careful", "fit_fast", "solve", "start"]
 
 #: Square of the last step, in standard errors of x: what is left is its product with the rate, below a tenth.
 SETTLED = 1.6e-3
@@ -71,24 +71,25 @@ def start(z, e, s, table, first, last, candidates, box, mean, norm, running):  #
 
 
 @kernel(error_model="numpy")
-def _solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, held):  # type: ignore[no-untyped-def]
+def solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, held):  # type: ignore[no-untyped-def]
     """Step (dx, dA, dB) and the variances of x and A. With `held` the background stays where it is."""
-    c, e = jxb / jbb, jab / jbb
+    by_b = 1 / jbb
+    c, e = jxb * by_b, jab * by_b
     a2, b2, d2 = jxx - c * jxb, jxa - c * jab, jaa - e * jab
-    if d2 <= 0 or a2 <= 0:
+    by_d = 1 / d2
+    a3 = a2 - b2 * b2 * by_d
+    if not (d2 > 0 and a3 > 0):
         return 0.0, 0.0, 0.0, np.inf, np.inf
-    a3 = a2 - b2 * b2 / d2
-    d3 = d2 - b2 * b2 / a2
-    if a3 <= 0 or d3 <= 0:
-        return 0.0, 0.0, 0.0, np.inf, np.inf
+    var_x = 1 / a3
+    var_a = a2 * by_d * var_x
     if held:
         w = jxx - jxa * jxa / jaa
         dx = (gx - jxa / jaa * ga) / w
-        return dx, (ga - jxa * dx) / jaa, 0.0, 1 / a3, 1 / d3
+        return dx, (ga - jxa * dx) / jaa, 0.0, var_x, var_a
     hx, ha = gx - c * gb, ga - e * gb
-    dx = (hx - b2 / d2 * ha) / a3
-    da = (ha - b2 * dx) / d2
-    return dx, da, (gb - jxb * dx - jab * da) / jbb, 1 / a3, 1 / d3
+    dx = (hx - b2 * by_d * ha) * var_x
+    da = (ha - b2 * dx) * by_d
+    return dx, da, (gb - jxb * dx - jab * da) * by_b, var_x, var_a
 
 
 @kernel(fastmath=FAST, error_model="numpy")
@@ -137,13 +138,13 @@ def fit_fast(zs, e, s, e_sum, s_sum, table, first, last, low, high, reach, floor
             w = 1 / (b * e_out + s_out)
             gb += e_out * ((total - inside) * w - 1)
             jbb += e_out * e_out * w
-        dx, da, db, var_x, var_a = _solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, False)
+        dx, da, db, var_x, var_a = solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, False)
         if not var_x < np.inf:
             break
         if b + db <= floor:
             b, db = floor, 0.0
             # The bound holds: the other two move without it, from the information at the old background.
-            dx, da, _db, var_x, var_a = _solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, True)
+            dx, da, _db, var_x, var_a = solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, True)
         b += db
         a = a + da if da > -0.7 * a else 0.3 * a
         x += min(max(dx, -reach), reach)
@@ -188,7 +189,7 @@ def fit_careful(zs, e, s, share, table, low, high, reach, floor, x, a, b):  # ty
                 scaled[0, order, g] = table[j, order, g] * share[g]
         jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, _in = _sums(zs, e, s, scaled, 0, x - j, 0, zs.size, a, b)
         held = b <= floor and gb < 0
-        dx, da, db, var_x, var_a = _solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, held)
+        dx, da, db, var_x, var_a = solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, held)
         if not var_x < np.inf:
             return x, a, b, var_x, var_a, False
         scale = min(1.0, reach / max(abs(dx), 1e-300))

@@ -64,11 +64,12 @@ class Stack:
 
 def read_stack(capture: xr.Dataset) -> Stack:
     """Plan the reading of a gated capture. Raises InputError where coordinates are missing or of wrong size."""
-    if "counts" not in capture or capture["counts"].dims != ("slice", "row", "col"):
-        found = capture["counts"].dims if "counts" in capture else None
+    variables = capture.variables
+    if "counts" not in variables or variables["counts"].dims != ("slice", "row", "col"):
+        found = variables["counts"].dims if "counts" in variables else None
         raise InputError("no gated stack", where="counts", value=found, allowed="dims (slice, row, col)")
     instrument = instrument_of(capture)
-    counts = capture["counts"].values
+    counts = variables["counts"].values
     total = counts.shape[0]
     if counts.shape[1:] != (instrument.rows, instrument.cols):
         raise InputError(
@@ -79,11 +80,11 @@ def read_stack(capture: xr.Dataset) -> Stack:
         )
 
     def per_slice(name: str, default: Any) -> npt.NDArray[Any]:
-        if name not in capture.variables:
+        if name not in variables:
             if default is None:
                 raise InputError(f"the capture has no coordinate {name}", where=name)
             return np.full(total, default)
-        values = np.asarray(capture[name].values)
+        values = np.asarray(variables[name].values)
         if values.shape != (total,):
             raise InputError(
                 f"coordinate {name} is not per slice", where=name, value=values.shape, allowed=f"({total},)"

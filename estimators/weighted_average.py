@@ -34,13 +34,16 @@ def weighted_average(
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]
-    # One allocation for both: fresh pages cost as much as the average itself.
-    out = np.empty((2, *shape))
-    valid = np.empty(shape, dtype=bool)
+    # One allocation for all: fresh pages cost as much as the average itself.
+    pixels = shape[0] * shape[1]
+    memory = np.empty(13 * pixels, dtype=np.uint8)
+    value = memory[: 8 * pixels].view(np.float64)
+    sigma = memory[8 * pixels : 12 * pixels].view(np.float32)
+    valid = memory[12 * pixels :].view(np.bool_)
     used = stack.group < stack.signal
     if not used.any():
-        out[:] = np.nan
-        return range_result(out[0], out[1], np.zeros(shape, dtype=bool))
+        nothing = np.full(shape, np.nan)
+        return range_result(nothing, nothing, np.zeros(shape, dtype=bool))
     level, share = np.array([rig.offset_dn]), 0.0
     if background == "off-slices":
         mean, number = from_off_slices(stack)
@@ -65,13 +68,14 @@ def weighted_average(
     # Averages over repeats and frames: each weight's square is its share of the number that was summed.
     spread = 1 / float(np.sqrt(stack.count[: stack.signal].mean()))
     scale = (factor * origin, factor * unit, float(x.max()), spread)
-    target = (out[0].reshape(-1), out[1].reshape(-1), valid.reshape(-1))
+    target = (value, sigma, valid)
     if span is not None:
         flat = stack.counts.reshape(stack.counts.shape[0], -1)
         average_even(flat, *span, level, background == "min", sums, noise, scale, *target)
     else:
         plan = (stack.slices[used], weight, x)
         average_general(stack.counts, *plan, level, background == "min", sums, noise, scale, *target)
+    value, sigma, valid = value.reshape(shape), sigma.reshape(shape), valid.reshape(shape)
     if direct:
-        return masked_result(out[0], out[1], valid)
-    return range_result(*rig.to_range(out[0], out[1]), valid)
+        return masked_result(value, sigma, valid)
+    return range_result(*rig.to_range(value, sigma.astype(np.float64)), valid)

@@ -5,6 +5,7 @@ Returns the echoes of every pixel (`Returns`) and the truth; the stack follows b
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from ..optics import waveforms
 from ..optics.constants import C_M_PER_S
 from ..optics.correlation import Table, correlation_support, lookup, tabulate
 from ..scenes.declare import group_index, optics_gate, optics_pulse
-from ..scenes.scene import Scene
+from ..scenes.scene import Scene, gated_rig
 from .echo import albedo_at_normal, echoes
 from .returns import Returns, gather_returns
 from .subsampling import centre_error, lattice, plan
@@ -44,15 +45,15 @@ class DirectScene:
 
 def gate_tables(scene: Scene) -> list[Table]:
     """R(u) of every gate, with the pulse broadened by the jitter of single shots."""
-    laser = scene.rig.laser
+    laser = gated_rig(scene).laser
     pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_shot_s)
-    return [tabulate(pulse, optics_gate(gate), _TABLE_RTOL) for gate in scene.rig.gates]
+    return [tabulate(pulse, optics_gate(gate), _TABLE_RTOL) for gate in gated_rig(scene).gates]
 
 
 def response_width_s(scene: Scene) -> tuple[float, float]:
     """(σ, full width at half maximum) of R(u) of the first gate [s]."""
-    pulse = waveforms.broadened(optics_pulse(scene.rig.laser.pulse), scene.rig.laser.jitter_shot_s)
-    gate = optics_gate(scene.rig.gates[0])
+    pulse = waveforms.broadened(optics_pulse(gated_rig(scene).laser.pulse), gated_rig(scene).laser.jitter_shot_s)
+    gate = optics_gate(gated_rig(scene).gates[0])
     u = np.linspace(*correlation_support(pulse, gate), 4001)
     r = lookup(tabulate(pulse, gate, 1e-4), u)
     mean = float((u * r).sum() / r.sum())
@@ -61,7 +62,12 @@ def response_width_s(scene: Scene) -> tuple[float, float]:
     return sigma, float(above[-1] - above[0])
 
 
-def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> DirectScene:
+def render_direct(
+    scene: Scene,
+    rtol: float,
+    tracer: Tracer | None = None,
+    halo: Callable[[Float, Float], Float] | None = None,
+) -> DirectScene:
     """Trace the scene and gather its echoes.
 
     Main arguments:
@@ -69,15 +75,16 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
         rtol: relative error ε of the stack aimed at by the sub-pixel sampling.
     Other arguments:
         tracer: reuse an earlier one (same target).
+        halo: intensity added to the beam's own, as in `echoes`.
     """
     tracer = tracer or Tracer(scene)
-    camera = scene.rig.camera
+    camera = gated_rig(scene).camera
     rows, cols = camera.rows, camera.cols
     sigma, fwhm = response_width_s(scene)
     row, col = (a.ravel() for a in np.mgrid[:rows, :cols])
     direction = pixel_directions(camera, row, col)
     hits = tracer.trace((0.0, 0.0, 0.0), direction)
-    echo = echoes(scene, tracer, direction, hits)
+    echo = echoes(scene, tracer, direction, hits, halo)
     # A uniform spread over the pixel along both axes: variance (g_row² + g_col²)/12.
     spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0)
     shape = (rows, cols)
@@ -100,7 +107,7 @@ def render_direct(scene: Scene, rtol: float, tracer: Tracer | None = None) -> Di
         sub_col = (col[group.pixel, None] + d_col).ravel()
         sub_direction = pixel_directions(camera, sub_row, sub_col)
         sub_hits = tracer.trace((0.0, 0.0, 0.0), sub_direction)
-        sub = echoes(scene, tracer, sub_direction, sub_hits)
+        sub = echoes(scene, tracer, sub_direction, sub_hits, halo)
         sub_spread = np.sqrt((sub.tau_per_row**2 + sub.tau_per_col**2) / 12.0) / n
         parts.append((np.repeat(group.pixel, n * n), sub.amplitude / (n * n), sub.tau, sub_spread))
         rays += len(sub_row)
@@ -132,7 +139,7 @@ def _truth(
 ) -> dict[str, Any]:
     """Truth per flat pixel: geometry by the centre ray, first and last return by all sub-samples."""
     hit = hits.target >= 0
-    half = C_M_PER_S / (2.0 * group_index(scene.medium, scene.rig.laser.wavelength_m))
+    half = C_M_PER_S / (2.0 * group_index(scene.medium, gated_rig(scene).laser.wavelength_m))
     distance = np.where(hit, hits.distance, np.nan)
     materials = [albedo_at_normal(item.material) for item in scene.target]
     owners = np.repeat(np.arange(len(hit)), np.diff(returns.start))

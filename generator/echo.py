@@ -17,10 +17,11 @@ from ..optics.brdf_phong import phong
 from ..optics.constants import C_M_PER_S
 from ..scenes.declare import group_index
 from ..scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
-from ..scenes.scene import Scene
+from ..scenes.rig import Illumination
+from ..scenes.scene import Scene, gated_rig
 from .trace import Hits, Tracer
 
-__all__ = ["Echoes", "albedo_at_normal", "echoes", "response"]
+__all__ = ["Echoes", "albedo_at_normal", "beam_angle", "beam_intensity", "echoes", "response"]
 
 Float = NDArray[np.float64]
 
@@ -74,13 +75,21 @@ def albedo_at_normal(material: Material) -> float:
     return float(brdf_albedo.hemispherical_albedo(response(material), 0.0))
 
 
-def echoes(scene: Scene, tracer: Tracer, direction: Float, hits: Hits) -> Echoes:
+def echoes(
+    scene: Scene,
+    tracer: Tracer,
+    direction: Float,
+    hits: Hits,
+    halo: Callable[[Float, Float], Float] | None = None,
+) -> Echoes:
     """Echoes of rays along unit `direction` (3, n) that hit the target as `hits` tells; zero amplitude where nothing is hit.
 
     amplitude = N_p · E_p · I(θ) e^{−c r₁}/r₁² · f·cosθi · A_px π/(4F²) · V · T · QE · λ/(hc) · e^{−c r₂},
     tau = n_g (r₁ + r₂)/c, with r₁ from the laser to the surface and r₂ from there to the camera.
+
+    `halo`(beam directions (3, n), r₁) is added to I(θ): what the medium scatters forward on the way out.
     """
-    rig, medium = scene.rig, scene.medium
+    rig, medium = gated_rig(scene), scene.medium
     camera, laser = rig.camera, rig.laser
     hit = hits.target >= 0
     r2 = np.where(hit, hits.distance, 1.0)
@@ -90,7 +99,9 @@ def echoes(scene: Scene, tracer: Tracer, direction: Float, hits: Hits) -> Echoes
     from_laser = point if coaxial else point - source[:, None]
     r1 = r2 if coaxial else np.sqrt(np.einsum("in,in->n", from_laser, from_laser))
     beam = direction if coaxial else from_laser / r1
-    intensity = _radiant_intensity(scene, beam)
+    intensity = beam_intensity(laser.illumination, beam)
+    if halo is not None:
+        intensity = intensity + halo(beam, r1)
     lit = hit & (intensity > 0)
     if not coaxial and lit.any():
         lit[lit] = tracer.visible(point[:, lit], laser.position_m)
@@ -126,14 +137,18 @@ def echoes(scene: Scene, tracer: Tracer, direction: Float, hits: Hits) -> Echoes
     )
 
 
-def _radiant_intensity(scene: Scene, beam: Float) -> Float:
-    """Radiant intensity of the beam along unit directions (3, n), per unit power [1/sr]."""
-    spec = scene.rig.laser.illumination
+def beam_angle(spec: Illumination, beam: Float) -> Float:
+    """Angle [rad] of unit directions (3, n) from the beam's axis."""
     ax, ay = spec.offset_rad
     axis = np.array([np.sin(ax) * np.cos(ay), np.sin(ay), np.cos(ax) * np.cos(ay)])
     # atan2 of cross and dot keeps full accuracy near the axis, where arccos loses half the digits.
     cross = np.cross(axis, beam, axisa=0, axisb=0, axisc=0)
-    theta = np.arctan2(np.sqrt(np.einsum("in,in->n", cross, cross)), axis @ beam)
+    return np.asarray(np.arctan2(np.sqrt(np.einsum("in,in->n", cross, cross)), axis @ beam))
+
+
+def beam_intensity(spec: Illumination, beam: Float) -> Float:
+    """Radiant intensity of the beam along unit directions (3, n), per unit power [1/sr]."""
+    theta = beam_angle(spec, beam)
     if spec.profile == "gaussian":
         return illumination.gaussian_intensity(theta, spec.half_angle_rad)
     if spec.profile == "flat-top":
@@ -146,7 +161,7 @@ def _path_gradient(scene: Scene, direction: Float, normal: Float, r2: Float, bea
 
     On the plane n·p = const, r₂ = (n·p)/(n·d): ∂r₂ = −r₂ (n·∂d)/(n·d), ∂p = d ∂r₂ + r₂ ∂d, ∂r₁ = beam·∂p.
     """
-    camera = scene.rig.camera
+    camera = gated_rig(scene).camera
     scale = camera.pixel_pitch_m / camera.focal_length_m * direction[2]
     facing = np.einsum("in,in->n", normal, direction)
     facing = np.where(np.abs(facing) > 1e-6, facing, -1e-6)

@@ -9,20 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from ..scenes.scene import Scene
+from ..scenes.scene import Scene, gated_rig
 from ..scenes.shapes import Rectangle, Sphere
 from .direct import DirectScene
 from .echo import albedo_at_normal
 
-__all__ = ["catalogue"]
+__all__ = ["catalogue", "interreflection"]
 
 
-def catalogue(scene: Scene, direct: DirectScene) -> list[dict[str, Any]]:
-    """Every catalogued effect: `name`, `modelled`, `predicted_relative_size` (or None), `basis`."""
-    rig = scene.rig
+def catalogue(scene: Scene, direct: DirectScene, rung: str = "direct") -> list[dict[str, Any]]:
+    """Every catalogued effect: `name`, `modelled` by the rung, `predicted_relative_size` (or None), `basis`."""
+    rig = gated_rig(scene)
     distance = direct.truth["truth_range"]
     typical = float(np.nanmedian(distance)) if np.isfinite(distance).any() else 0.0
-    b = scene.medium.scattering_per_m
     detector, laser, tube = rig.detector, rig.laser, rig.detector.intensifier
 
     def effect(name: str, modelled: bool, size: float | None, basis: str) -> dict[str, Any]:
@@ -35,9 +34,8 @@ def catalogue(scene: Scene, direct: DirectScene) -> list[dict[str, Any]]:
             "beam attenuation", True, float(-np.expm1(-2 * scene.medium.attenuation_per_m * typical)), "1 − e^(−2cr)"
         ),
         effect("group index", True, None, "all times at c/n_g"),
-        effect("forward-scattered light", False, float(np.expm1(min(2 * b * typical, 50.0))), "e^(2br) − 1, wide beam"),
-        effect("volume backscatter", False, 0.0 if b == 0 else None, "needs the phase function"),
-        effect("interreflection", False, *_interreflection(scene)),
+        *(effect(*line) for line in _scattering(scene, direct, typical, rung)),
+        effect("interreflection", rung == "full", *interreflection(scene)),
         effect("finite source and aperture", False, None, "point source and pinhole"),
         effect("lens point spread", False, None, "pinhole"),
         effect("pulse energy fluctuation", bool(laser.energy_fluctuation), laser.energy_fluctuation, "rms per slice"),
@@ -57,7 +55,48 @@ def catalogue(scene: Scene, direct: DirectScene) -> list[dict[str, Any]]:
     ]
 
 
-def _interreflection(scene: Scene) -> tuple[float | None, str]:
+def _scattering(
+    scene: Scene, direct: DirectScene, typical: float, rung: str
+) -> list[tuple[str, bool, float | None, str]]:
+    """Effects of a scattering medium at the typical range, whether the rung models them, and how large they are."""
+    b = scene.medium.scattering_per_m
+    phase = scene.medium.phase
+    there = rung != "direct"
+    if b == 0 or typical == 0 or phase is None:
+        forward = float(np.expm1(min(2 * b * typical, 50.0)))
+        size, basis = (0.0, "nothing scatters") if b == 0 else (None, "needs the phase function")
+        return [
+            ("forward-scattered light", there, forward, "e^(2br) − 1, wide beam"),
+            ("volume backscatter", there, size, basis),
+            ("halo from outside the view", rung == "full", size, basis),
+            ("delay of scattered light", rung == "full", size, basis),
+            ("multiple scattering", rung == "full", size, basis),
+        ]
+    from . import scatter_size
+
+    amplitude = np.asarray(direct.truth["truth_amplitude"])
+    lit = amplitude[amplitude > 0]
+    middle = float(np.median(lit)) if lit.size else 0.0
+    back = scatter_size.backscatter_size(scene, phase, typical, middle, rung == "scatter")
+    return [
+        (
+            "forward-scattered light", there, scatter_size.forward_size(scene, phase, typical),
+            "(1 + X(0)/I(0)) e^(br(1 − B)) − 1, on the beam's axis",
+        ),
+        (
+            "volume backscatter", there, back if np.isfinite(back) else None,
+            "single scattering, largest slice over the target's largest",
+        ),
+        (
+            "halo from outside the view", rung == "full", scatter_size.outside_size(scene, phase, typical),
+            "halo beyond half the image's width, of all light",
+        ),
+        ("delay of scattered light", rung == "full", scatter_size.delay_size(scene, phase, typical), "br²⟨ψ²⟩/6 over σ of R"),
+        ("multiple scattering", rung == "full", scatter_size.multiple_size(scene, phase, typical), "1 − e^(−2b(1 − g)r)"),
+    ]  # fmt: skip
+
+
+def interreflection(scene: Scene) -> tuple[float | None, str]:
     """Size of second bounces: zero where no surface faces another, else unknown to this rung, with an upper bound."""
     shapes = [item.shape for item in scene.target]
     flat = all(isinstance(s, Rectangle) and s.tilt_x_deg == 0 and s.tilt_y_deg == 0 for s in shapes)

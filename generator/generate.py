@@ -15,20 +15,21 @@ from ..optics import waveforms
 from ..optics.gate_maps import gate_offset_map
 from ..scenes.declare import declared_rig, optics_gate
 from ..scenes.errors import InputError
-from ..scenes.scene import Scene
+from ..scenes.scene import Scene, gated_rig
 from .detector import detect, fixed_pattern
 from .direct import DirectScene, gate_tables, render_direct
 from .effects import catalogue
 from .random import Stage, generator
 from .returns import render_stack
+from .scatter import render_scatter, scattered_electrons
 from .trace import Tracer
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["GenerationWarning", "capture_key_of", "expected_electrons", "generate"]
+__all__ = ["GenerationWarning", "capture_key_of", "expected_electrons", "generate", "slice_settings"]
 
-RUNGS = ("direct",)
+RUNGS = ("direct", "scatter", "full")
 
 
 class GenerationWarning(UserWarning):
@@ -46,7 +47,7 @@ def generate(
     *,
     seed: int,
     capture_key: int | None = None,
-    fidelity: Literal["direct"] = "direct",
+    fidelity: Literal["direct", "scatter", "full"] = "direct",
     rtol: float = 3e-3,
     truth_electrons: bool = False,
     tracer: Tracer | None = None,
@@ -58,8 +59,9 @@ def generate(
         seed: with `capture_key`, names every random number.
     Other arguments:
         capture_key: index in a data set; by default the hash of the scene.
-        fidelity: the rung of the ladder; "direct" is one bounce without scattered light.
-        rtol: relative error of the expected stack aimed at by sub-pixel sampling.
+        fidelity: the rung of the ladder; "direct" is one bounce without scattered light, "scatter" adds what the water
+            scatters forward and back, "full" adds all that "direct" leaves out by tracing paths.
+        rtol: relative error of the expected stack aimed at by sub-pixel sampling, and by the number of paths.
         truth_electrons: also keep the noise-free expectation of every sample.
         tracer: reuse a tracer of the same target.
 
@@ -75,18 +77,45 @@ def generate(
     if seed < 0:
         raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
     key = capture_key_of(scene) if capture_key is None else capture_key
-    direct = render_direct(scene, rtol, tracer)
+    if scene.modality == "waveform":
+        from .waveform import generate_waveform
+
+        return generate_waveform(scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer)
+    if scene.modality == "amcw":
+        from .amcw import generate_amcw
+
+        return generate_amcw(scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer)
+    scatter = render_scatter(scene, rtol, tracer) if fidelity == "scatter" else None
+    direct = render_direct(scene, rtol, tracer) if scatter is None else scatter.direct
     coords = _coordinates(scene)
-    light, background = expected_electrons(scene, direct, coords, seed, key)
-    rig = scene.rig
-    _warn_if_dark(scene, light, background, coords)
+    light, ambient = expected_electrons(scene, direct, coords, seed, key)
+    rig = gated_rig(scene)
+    _warn_if_dark(scene, light, ambient, coords)
+    background: NDArray[Any] = ambient
+    if scatter is not None and scatter.phase is not None:
+        veil = scattered_electrons(scene, scatter, coords["gate"], *slice_settings(scene, coords, seed, key))
+        light += veil
+        background = ambient.astype(np.float32)[:, None, None] + veil
+    traced: dict[str, Any] = {}
+    if fidelity == "full":
+        from .full import add_remainder
+
+        settings = slice_settings(scene, coords, seed, key)
+        background, traced = add_remainder(scene, light, ambient, coords["gate"], *settings, rtol, seed, key)
+        if not traced["reached"]:
+            warnings.warn(
+                f"{scene.name}: {traced['samples_per_pixel']} paths per pixel leave a standard error of "
+                f"{traced['standard_error']:.2g} of the stack, more than rtol {rtol:g}.",
+                GenerationWarning,
+                stacklevel=2,
+            )
     counts = detect(light, rig.detector, fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols), seed, key)
     truth = dict(direct.truth)
     dark = rig.detector.dark_current_e_per_s * rig.detector.exposure_s
-    truth["truth_background"] = background + (dark if rig.detector.intensifier is None else 0.0)
+    truth["truth_background"] = background + background.dtype.type(dark if rig.detector.intensifier is None else 0.0)
     if truth_electrons:
         truth["truth_electrons"] = light + np.float32(dark if rig.detector.intensifier is None else 0.0)
-    effects = catalogue(scene, direct)
+    effects = catalogue(scene, direct, fidelity)
     for effect in effects:
         if not effect["modelled"] and (effect["predicted_relative_size"] or 0) > 0.1:
             warnings.warn(
@@ -111,7 +140,7 @@ def generate(
             "truth_kind": "rendered",
             "seed": seed,
             "capture_key": key,
-            "fidelity": {"rung": fidelity, "rtol": rtol, "rays": direct.rays, "effects": effects},
+            "fidelity": {"rung": fidelity, "rtol": rtol, "rays": direct.rays, **traced, "effects": effects},
             "truth_materials": [item.name for item in scene.target],
             "provenance": provenance(
                 {
@@ -128,7 +157,7 @@ def generate(
 
 def _coordinates(scene: Scene) -> dict[str, Any]:
     """Per-slice coordinates; `setting` is what the delay generator was set to, `actual` the optical delay."""
-    rig = scene.rig
+    rig = gated_rig(scene)
     spec = rig.delays
     ramp = np.repeat(spec.start_s + spec.step_s * np.arange(spec.count), spec.repeats)
     gates = len(rig.gates)
@@ -148,25 +177,34 @@ def _coordinates(scene: Scene) -> dict[str, Any]:
     }
 
 
+def slice_settings(
+    scene: Scene, coords: dict[str, Any], seed: int, key: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """True optical delay [s] and relative pulse energy (0: laser off) of every slice.
+
+    Pulse energy fluctuates per slice (mean of the slice's pulses), and the delay jitters per slice; both are drawn
+    here, because they are common to all pixels. The draws are named, so that every caller gets the same.
+    """
+    laser = gated_rig(scene).laser
+    slices = len(coords["actual"])
+    energy = np.ones(slices)
+    if laser.energy_fluctuation:
+        draw = generator(seed, key, Stage.ENERGY).standard_normal(slices)
+        energy = np.maximum(1 + laser.energy_fluctuation * draw, 0.0)
+    delay = coords["actual"].copy()
+    if laser.jitter_frame_s:
+        delay += laser.jitter_frame_s * generator(seed, key, Stage.JITTER).standard_normal(slices)
+    return delay, energy * coords["laser_on"]
+
+
 def expected_electrons(
     scene: Scene, direct: DirectScene, coords: dict[str, Any], seed: int, key: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Expected photoelectrons (slices, rows, cols) of signal plus ambient light, and the ambient share per slice.
-
-    Pulse energy fluctuates per slice (mean of the slice's pulses), and the delay jitters per slice; both are drawn
-    here, because they are common to all pixels.
-    """
-    rig = scene.rig
+    """Expected photoelectrons (slices, rows, cols) of signal plus ambient light, and the ambient share per slice."""
+    rig = gated_rig(scene)
     rows, cols = rig.camera.rows, rig.camera.cols
     slices = len(coords["actual"])
-    energy = np.ones(slices)
-    if rig.laser.energy_fluctuation:
-        draw = generator(seed, key, Stage.ENERGY).standard_normal(slices)
-        energy = np.maximum(1 + rig.laser.energy_fluctuation * draw, 0.0)
-    delay = coords["actual"].copy()
-    if rig.laser.jitter_frame_s:
-        delay += rig.laser.jitter_frame_s * generator(seed, key, Stage.JITTER).standard_normal(slices)
-    scale = energy * coords["laser_on"]
+    delay, scale = slice_settings(scene, coords, seed, key)
     light = np.empty((slices, rows, cols), dtype=np.float32)
     offset = None
     if rig.gate_map is not None:

@@ -26,6 +26,7 @@ class Stage(IntEnum):
     READ = 6
     PRNU = 7
     DSNU = 8
+    PATHS = 9
 
 
 def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:

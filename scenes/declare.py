@@ -5,20 +5,28 @@ Estimators see this and nothing else of the instrument, so that no closed form o
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from ..optics import refraction, waveforms
+from .base import Spec
 from .errors import InputError
 from .load import validate_spec
 from .medium import AirIndex, ExplicitIndex, Medium, WaterIndex
 from .overrides import apply_overrides
 from .rig import GatedRig
+from .rig_amcw import AmcwRig
+from .rig_waveform import WaveformRig
 from .scene import Scene
 from .waveforms import Gate, Pulse
 
-__all__ = ["declared_rig", "group_index", "optics_gate", "optics_pulse", "phase_index"]
+__all__ = [
+    "as_declared", "declared_rig", "group_index", "medium_data", "optics_gate", "optics_pulse", "phase_index", "rounded",
+]  # fmt: skip
+
+SpecT = TypeVar("SpecT", bound=Spec)
+
 
 #: Samples per characteristic width of the pulse or gate edge in the declared rig.
 _SAMPLES_PER_WIDTH = 48
@@ -73,12 +81,15 @@ def declared_rig(scene: Scene) -> dict[str, Any]:
     Raises:
         InputError: a declared path or value that is not allowed.
     """
-    data = scene.rig.model_dump(mode="json") | {"medium": scene.medium.model_dump(mode="json")}
-    if scene.declared:
-        data = apply_overrides(data, scene.declared)
-    where = f"{scene.name}: declared"
-    medium = validate_spec(Medium, data.pop("medium"), where)
-    rig = validate_spec(GatedRig, data, where)
+    if isinstance(scene.rig, WaveformRig):
+        from .declare_waveform import declared_waveform
+
+        return declared_waveform(scene)
+    if isinstance(scene.rig, AmcwRig):
+        from .declare_amcw import declared_amcw
+
+        return declared_amcw(scene)
+    rig, medium = as_declared(scene, GatedRig)
     camera, laser = rig.camera, rig.laser
     step = _sample_step(rig)
     pulse_start, pulse_value = waveforms.sample_pulse(optics_pulse(laser.pulse), step)
@@ -100,20 +111,35 @@ def declared_rig(scene: Scene) -> dict[str, Any]:
             "jitter_shot_s": laser.jitter_shot_s,
             "jitter_frame_s": laser.jitter_frame_s,
         },
-        "pulse": {"start_s": float(pulse_start), "step_s": step, "value": _rounded(pulse_value)},
-        "gates": [{"start_s": float(s), "step_s": step, "value": _rounded(v)} for s, v in gates],
+        "pulse": {"start_s": float(pulse_start), "step_s": step, "value": rounded(pulse_value)},
+        "gates": [{"start_s": float(s), "step_s": step, "value": rounded(v)} for s, v in gates],
         "gate_offset_s": None if rig.gate_map is None else rig.gate_map.model_dump(mode="json"),
-        "medium": {
-            "name": medium.name,
-            "phase_index": phase_index(medium, laser.wavelength_m),
-            "group_index": group_index(medium, laser.wavelength_m),
-            "absorption_per_m": medium.absorption_per_m,
-            "scattering_per_m": medium.scattering_per_m,
-        },
+        "medium": medium_data(medium, laser.wavelength_m),
         "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
         "ambient_e_per_s": rig.ambient_e_per_s,
         "pulses_per_slice": rig.pulses_per_slice,
         "t0_s": rig.t0_s,
+    }
+
+
+def as_declared(scene: Scene, kind: type[SpecT]) -> tuple[SpecT, Medium]:
+    """Rig (a spec of class `kind`) and medium with `scene.declared` applied. Raises InputError as `declared_rig`."""
+    data = scene.rig.model_dump(mode="json") | {"medium": scene.medium.model_dump(mode="json")}
+    if scene.declared:
+        data = apply_overrides(data, scene.declared)
+    where = f"{scene.name}: declared"
+    medium = validate_spec(Medium, data.pop("medium"), where)
+    return validate_spec(kind, data, where), medium
+
+
+def medium_data(medium: Medium, wavelength_m: float) -> dict[str, Any]:
+    """The medium as declared: indices as numbers at the laser's wavelength, attenuation in 1/m."""
+    return {
+        "name": medium.name,
+        "phase_index": phase_index(medium, wavelength_m),
+        "group_index": group_index(medium, wavelength_m),
+        "absorption_per_m": medium.absorption_per_m,
+        "scattering_per_m": medium.scattering_per_m,
     }
 
 
@@ -129,6 +155,6 @@ def _sample_step(rig: GatedRig) -> float:
     return max(round(min(widths) / _SAMPLES_PER_WIDTH * 1e12), 1) * 1e-12
 
 
-def _rounded(values: Any) -> list[float]:
+def rounded(values: Any) -> list[float]:
     """Nine significant digits: far below any calibration, and half the size in JSON."""
     return [float(f"{v:.9g}") for v in np.asarray(values)]

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from .errors import InputError
 from .overrides import apply_overrides
-from .scene import Scene
+from .scene import RIG_KINDS, Scene
 
 __all__ = ["LIBRARY", "list_scenes", "load_scene", "read_spec_file", "validate_spec"]
 
@@ -121,10 +121,10 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
         return model.model_validate_json(text, strict=True)
     except ValidationError as error:
         first, *rest = error.errors(include_url=False)
-        path = ".".join(str(part) for part in first["loc"]) or "(whole)"
+        path = _key_path(first["loc"])
         what = {"missing": "A value is missing; physical values have no default.", "extra_forbidden": "Unknown key."}
         more = "".join(
-            f"\n           also {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in rest[:8]
+            f"\n           also {_key_path(e['loc'])}: {e['msg']}" for e in rest[:8]
         )  # one message for all, so that a user mends a file in one go
         raise InputError(
             what.get(first["type"], "A value is not allowed."),
@@ -133,6 +133,12 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
             allowed=first["msg"] + more + _near_keys(model, first),
             next_step="beambench scenes show flat-wall   (a complete example)",
         ) from error
+
+
+def _key_path(loc: tuple[int | str, ...]) -> str:
+    """The path of an error as a user would override it: without the kind of rig that pydantic puts in."""
+    parts = [str(part) for i, part in enumerate(loc) if not (i == 1 and loc[0] == "rig" and part in RIG_KINDS)]
+    return ".".join(parts) or "(whole)"
 
 
 def _near_keys(model: type[BaseModel], error: Any) -> str:

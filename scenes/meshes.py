@@ -12,7 +12,7 @@ from .errors import InputError
 from .load import LIBRARY
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
 
-__all__ = ["MeshArrays", "load_grid", "resolve_file", "rotation_matrix", "shape_mesh"]
+__all__ = ["MeshArrays", "load_grid", "measure_shape", "resolve_file", "rotation_matrix", "shape_mesh"]
 
 #: Vertices (n, 3) in metres, camera frame; faces (m, 3), counter-clockwise seen from outside or from the camera.
 MeshArrays = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -66,6 +66,31 @@ def shape_mesh(shape: Shape, where: str) -> MeshArrays:
     if isinstance(shape, MeshFile):
         return _mesh_file(shape, where)
     raise TypeError(f"no mesh for {type(shape).__name__}")
+
+
+def measure_shape(shape: Shape, where: str) -> dict[str, float | int | bool]:
+    """What trimesh measures of a shape's triangles: `vertices`, `faces`, `area_m2`, `watertight`, `loose_edges` (not shared
+    by exactly two faces: borders of holes, seams), and `volume_m3` where it is watertight.
+
+    Raises:
+        InputError: as `shape_mesh`.
+    """
+    import trimesh
+
+    vertices, faces = shape_mesh(shape, where)
+    mesh = trimesh.Trimesh(vertices, faces, process=True)
+    edges = np.sort(mesh.edges, axis=1)
+    _, times = np.unique(edges, axis=0, return_counts=True)
+    measured: dict[str, float | int | bool] = {
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "area_m2": float(mesh.area),
+        "watertight": bool(mesh.is_watertight),
+        "loose_edges": int((times != 2).sum()),
+    }
+    if mesh.is_watertight:
+        measured["volume_m3"] = float(mesh.volume)
+    return measured
 
 
 def _rectangle(shape: Rectangle) -> MeshArrays:

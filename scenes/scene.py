@@ -4,15 +4,33 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from .base import Spec
+from .errors import InputError
 from .materials import Material
 from .medium import Medium
 from .rig import GatedRig
+from .rig_amcw import AmcwRig
+from .rig_waveform import WaveformRig
 from .shapes import Shape
 
-__all__ = ["Scene", "TargetObject"]
+__all__ = ["RIG_KINDS", "Rig", "Scene", "TargetObject", "amcw_rig", "gated_rig", "sizes_of", "waveform_rig"]
+
+#: Kinds of rig, which are the modalities of captures.
+RIG_KINDS = ("gated", "waveform", "amcw")
+
+
+def _kind(rig: Any) -> str:
+    """The kind of a rig, as data or as spec; a rig that does not say is a gated one."""
+    found = rig.get("kind", "gated") if isinstance(rig, dict) else getattr(rig, "kind", "gated")
+    return str(found)
+
+
+Rig = Annotated[
+    Annotated[GatedRig, Tag("gated")] | Annotated[WaveformRig, Tag("waveform")] | Annotated[AmcwRig, Tag("amcw")],
+    Discriminator(_kind),
+]
 
 
 class TargetObject(Spec):
@@ -35,7 +53,7 @@ class Scene(Spec):
     title: str
     target: Annotated[tuple[TargetObject, ...], Field(min_length=1)]
     medium: Medium
-    rig: GatedRig
+    rig: Rig
     declared: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -45,7 +63,55 @@ class Scene(Spec):
             raise ValueError(f"target objects need different names, got {names}")
         return self
 
+    @model_validator(mode="after")
+    def _water_is_told_at_the_lasers_wavelength(self) -> Scene:
+        water, laser = self.medium.water_type, self.rig.laser.wavelength_m
+        if water is not None and abs(water.wavelength_m - laser) > 5e-10:
+            raise ValueError(
+                f"medium.water_type.wavelength_m {water.wavelength_m:g} is not that of the laser, {laser:g}"
+            )
+        return self
+
     @property
     def modality(self) -> str:
         """The modality of the captures that this scene gives."""
         return self.rig.kind
+
+
+def gated_rig(scene: Scene) -> GatedRig:
+    """The scene's rig, which must be gated. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, GatedRig):
+        raise _other(scene, "gated")
+    return scene.rig
+
+
+def waveform_rig(scene: Scene) -> WaveformRig:
+    """The scene's rig, which must be a waveform rig. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, WaveformRig):
+        raise _other(scene, "waveform")
+    return scene.rig
+
+
+def amcw_rig(scene: Scene) -> AmcwRig:
+    """The scene's rig, which must be an AMCW rig. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, AmcwRig):
+        raise _other(scene, "amcw")
+    return scene.rig
+
+
+def sizes_of(scene: Scene) -> tuple[int, int, int]:
+    """Samples per element, rows and columns of elements of the scene's captures: slices of pixels of a stack; samples
+    of a row of shots for waveforms, and frequencies × phases of them for amplitude modulation."""
+    rig = scene.rig
+    if isinstance(rig, GatedRig):
+        slices = len(rig.gates) * rig.delays.count * rig.delays.repeats + rig.delays.laser_off
+        return slices, rig.camera.rows, rig.camera.cols
+    if isinstance(rig, WaveformRig):
+        return rig.record.samples, 1, rig.record.shots
+    return len(rig.modulation.frequencies_hz) * rig.modulation.phase_steps, 1, rig.shots
+
+
+def _other(scene: Scene, wanted: str) -> InputError:
+    return InputError(
+        f"This works on {wanted} scenes only.", where=f"{scene.name}: rig.kind", value=scene.rig.kind, allowed=wanted
+    )

@@ -13,7 +13,7 @@ import pytest
 from beambench.scenes.declare import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import LIBRARY, list_scenes, load_scene
-from beambench.scenes.meshes import load_grid, rotation_matrix, shape_mesh
+from beambench.scenes.meshes import load_grid, measure_shape, rotation_matrix, shape_mesh
 from beambench.scenes.overrides import apply_overrides, parse_assignments
 from beambench.scenes.scene import Scene
 
@@ -213,3 +213,28 @@ def test_a_height_grid_is_scaled_and_faces_the_camera() -> None:
     assert vertices[:, 2].max() == pytest.approx(2.55) and np.ptp(vertices[:, 2]) == pytest.approx(0.15)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     assert (np.cross(b - a, c - a)[:, 2] < 0).all()
+
+
+def test_meshes_are_measured() -> None:
+    box = load_scene("object1").target[0].shape
+    told = measure_shape(box, "x")
+    assert told["watertight"] and told["loose_edges"] == 0
+    assert told["volume_m3"] == pytest.approx(0.9 * 0.9 * 0.12)
+    assert told["area_m2"] == pytest.approx(2 * (0.81 + 2 * 0.108))
+    wall = measure_shape(load_scene("flat-wall").target[0].shape, "x")
+    assert wall["area_m2"] == pytest.approx(36.0) and not wall["watertight"] and wall["loose_edges"] == 4
+
+
+@pytest.mark.data
+def test_scanned_meshes_are_measured(real_data: Path) -> None:
+    def shape(file: str) -> dict[str, object]:
+        return {
+            "kind": "mesh", "file": str(real_data / "mesh_stanford" / file), "size_m": 1.0, "center_m": [0.0, 0.0, 5.0],
+            "rotation_deg": [0.0] * 3,
+        }  # fmt: skip
+
+    bunny = measure_shape(load_scene("flat-wall", {"target.0.shape": shape("bunny_npm.obj")}).target[0].shape, "x")
+    assert bunny["watertight"] and bunny["faces"] == 3674
+    dragon = load_scene("flat-wall", {"target.0.shape": shape("dragon_vrip_res3.ply.gz")})
+    told = measure_shape(dragon.target[0].shape, "x")
+    assert told["faces"] == 47794 and not told["watertight"] and told["loose_edges"] > 0

@@ -28,7 +28,7 @@ from ...scenes.declare import group_index, optics_gate, optics_pulse
 from ...scenes.errors import InputError
 from ...scenes.load import validate_spec
 from ...scenes.rig import GatedRig
-from ...scenes.scene import Scene
+from ...scenes.scene import Scene, gated_rig
 from ..score import Bound
 
 __all__ = ["gated_bound", "noise_model", "response_std_s", "true_scene"]
@@ -85,7 +85,7 @@ def gated_bound(capture: xr.Dataset) -> Bound:
         InputError: the capture lacks its true scene. Without `truth_amplitude` all bounds are NaN and `kind` is "none".
     """
     scene = true_scene(capture)
-    rig = scene.rig
+    rig = gated_rig(scene)
     pulse = optics_pulse(rig.laser.pulse)
     if rig.laser.jitter_shot_s > 0:
         pulse = waveforms.broadened(pulse, rig.laser.jitter_shot_s)

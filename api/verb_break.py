@@ -1,0 +1,69 @@
+"""`beambench break`: find a scene in which an estimator fails and others do not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .output import check_free, claim, slug
+
+if TYPE_CHECKING:
+    from .benchmarks.break_run import BreakResult
+    from .benchmarks.progress import Progress
+
+__all__ = ["break_"]
+
+
+def break_(
+    name: str,
+    *,
+    neighbours: Sequence[str] | None = None,
+    scenes: Sequence[str] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    side: int = 24,
+    factor: float = 3.0,
+    budget: int = 300,
+    seed: int = 0,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    command: Sequence[str] = (),
+) -> BreakResult:
+    """Search scenes and stresses for where an estimator fails against its neighbours, and shrink the find to a suite of
+    at most ten lines that `beambench run` repeats.
+
+    Main arguments:
+        name: the estimator's label, `name` or `name[key=value,...]`.
+        neighbours: labels that it is compared with; one of each family by default.
+        scenes: names or paths, the plainest first.
+    Other arguments:
+        overrides: {path: value} of every scene. side: rows and columns of the captures.
+        factor: how many times worse than the best neighbour (and than itself usually) counts as a failure.
+        budget: candidates judged. seed: of search and captures. out: folder. overwrite: replace an earlier one.
+        progress: told of every candidate. command: what was typed, for run.json.
+
+    Raises:
+        InputError: bad input, before anything is searched.
+    """
+    from .benchmarks.break_run import break_estimator
+    from .benchmarks.estimator_labels import check_estimators
+    from .benchmarks.progress import silent
+
+    (target,) = check_estimators([name])
+    check_free(out, overwrite=overwrite)
+    folder = claim(out, f"break-{slug(target.name)}", overwrite=overwrite)
+    folder.mkdir(parents=True, exist_ok=True)
+    return break_estimator(
+        name,
+        folder,
+        neighbours=tuple(neighbours or ()),
+        scenes=tuple(scenes or ()),
+        overrides=overrides,
+        side=side,
+        factor=factor,
+        budget=budget,
+        seed=seed,
+        progress=progress or silent,
+        command=list(command),
+    )

@@ -1,0 +1,38 @@
+"""`beambench reproduce`: the numbers and figures of the first document, with a verdict on each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .benchmarks.reproduce.run import Reproduction
+
+__all__ = ["reproduce"]
+
+
+def reproduce(
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    pictures: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Reproduction:
+    """Recompute every equation, figure and table of document 000, sections 2 to 5, and return what was left.
+
+    The result has `out` (folder), `rows` (of reproduction.csv), `page` (reproduction.html) and `wall_s`. All seeds are
+    fixed: reproduction.csv is the same bytes on every run of one machine.
+
+    Main arguments:
+        out: folder; ./beambench-runs/reproduce-<time> by default.
+    Other arguments:
+        overwrite: replace an earlier output. pictures: draw charts and surfaces. progress: told of each part.
+
+    Raises:
+        InputError: the output exists, or cannot be written.
+    """
+    from .benchmarks.reproduce.run import reproduce as run
+    from .output import claim
+
+    return run(claim(out, "reproduce", overwrite=overwrite), pictures=pictures, say=progress)

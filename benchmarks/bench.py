@@ -1,0 +1,240 @@
+"""A bench: captures and estimators kept at hand, so that a search may ask for one more cell at a time.
+
+`run_suite` knows all of its cells beforehand; a failure map or a search for bugs learns from one which comes next. The
+estimators run in the same watched children, and are scored by the same functions, as in a run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .estimator_labels import Chosen
+from .failure_rate import Trial
+from .protocol import write_capture, write_meta
+from .runner import Job, Outcome, Session
+from .score import Bound, Truth, errors_of, score_rows, truth_of
+from .spool import Entry, Spool
+from .suite import Cell, Limits
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Answer", "Bench", "trials_of"]
+
+Float = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+#: Captures stay on disk until they fill this much; the oldest go first, and are made again if asked for.
+_KEPT_BYTES = 2**30
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One estimator's answer to one capture, over its unmixed elements with a truth (n).
+
+    Main arguments:
+        status: "ok" or what went wrong, then every element counts as failed. rows: of the score table.
+        error (n): m, NaN where there is none. valid (n). limit (n): |error| beyond which an element has failed, m.
+    """
+
+    status: str
+    rows: list[dict[str, Any]]
+    error: Float
+    valid: Bool
+    limit: Float
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """The score of the unmixed elements."""
+        return self.rows[0]
+
+
+def _unmixed(truth: Truth) -> Bool:
+    return np.asarray(np.isfinite(truth.range) & ~truth.mixed)
+
+
+class Bench:
+    """Generate cells and run estimators on them, on demand. Use in a `with` block.
+
+    Main arguments:
+        chosen: the estimators. limits: of their children.
+    Other arguments:
+        fidelity, rtol: of the generator. failure_at: see `score_rows`.
+        condition: what changes a hidden capture before estimators read it: (cell, capture) -> rig as declared.
+    """
+
+    def __init__(
+        self,
+        chosen: Sequence[Chosen],
+        limits: Limits,
+        *,
+        suite: str = "bench",
+        fidelity: str = "direct",
+        rtol: float = 1e-3,
+        failure_at: float | None = None,
+        condition: str = "matched",
+        declare: Callable[[Cell, str], str] | None = None,
+    ) -> None:
+        self.chosen = {one.label: one for one in chosen}
+        self.limits, self.suite, self.failure_at, self.condition = limits, suite, failure_at, condition
+        self.captures_made = 0
+        self._fidelity, self._rtol, self._declare = fidelity, rtol, declare
+        self._spool = Spool()
+        self._kept: dict[tuple[Any, ...], Entry] = {}
+        self._sessions: dict[str, Session] = {}
+        self._count = 0
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for session in self._sessions.values():
+            session.close(kill=kind is not None)
+        self._spool.__exit__(kind, error, trace)
+
+    def answer(
+        self, cells: Sequence[Cell], labels: Sequence[str] | None = None, *, timed: bool = False
+    ) -> list[dict[str, Answer]]:
+        """Each estimator's answer to each cell, with its times and memory if `timed`."""
+        answers: list[dict[str, Answer]] = []
+        for cell in cells:
+            entry = self._entry(cell)
+            truth, bound = self._spool.truth(entry)
+            found = {}
+            for label in labels if labels is not None else self.chosen:
+                job = Job(entry.index, entry.folder, self.condition, entry.modality, entry.shape, timed)
+                outcome = self._ask(label, job)
+                if not self._spool.intact(entry):
+                    outcome.status = "invalid: changed its input"
+                    self._kept.pop(_key(cell))
+                    self._spool.drop(entry)
+                    entry = self._entry(cell)
+                found[label] = self._score(cell, label, truth, bound, outcome)
+            answers.append(found)
+        return answers
+
+    def variants(
+        self, cell: Cell, label: str, changes: Mapping[str, Callable[[xr.Dataset], xr.Dataset]]
+    ) -> tuple[dict[str, Outcome], Truth, Bound]:
+        """An estimator's outcome on changed versions of one cell's hidden capture, and what it is scored by."""
+        capture, hidden = self._generate(cell)
+        outcomes = {}
+        for name, change in changes.items():
+            self._count += 1
+            changed = change(hidden)
+            folder = self._spool.open / f"variant-{self._count:06d}"
+            write_capture(folder, changed)
+            write_meta(folder, changed, self.condition)
+            shape = tuple(capture["truth_range"].shape)
+            modality = str(changed.attrs["modality"])
+            outcomes[name] = self._ask(label, Job(self._count, folder, self.condition, modality, shape, timed=False))
+        from .bounds.dispatch import bound_of
+
+        return outcomes, truth_of(capture), bound_of(capture)
+
+    def _ask(self, label: str, job: Job) -> Outcome:
+        if label not in self._sessions:
+            place = self._spool.open / f"estimator-{len(self._sessions)}"
+            self._sessions[label] = Session(label, [], self.limits, place)
+        session = self._sessions[label]
+        session.jobs = [job]
+        outcomes: list[Outcome] = []
+        session.run(outcomes.append)
+        return outcomes[0]
+
+    def _generate(self, cell: Cell) -> tuple[xr.Dataset, xr.Dataset]:
+        from ..captures.hide import hide_truth
+        from ..generator.generate import generate
+
+        fidelity: Any = self._fidelity
+        capture = generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=fidelity, rtol=self._rtol)
+        self.captures_made += 1
+        hidden = hide_truth(capture)
+        if self._declare is not None:
+            hidden = hidden.assign_attrs(rig=self._declare(cell, str(capture.attrs["rig"])))
+        return capture, hidden
+
+    def _entry(self, cell: Cell) -> Entry:
+        from .bounds.dispatch import bound_of
+
+        key = _key(cell)
+        if key not in self._kept:
+            while sum(entry.bytes for entry in self._kept.values()) > _KEPT_BYTES:
+                self._spool.drop(self._kept.pop(next(iter(self._kept))))
+            self._count += 1
+            capture, hidden = self._generate(cell)
+            rig = hidden.attrs["rig"]
+            conditions = {self.condition: lambda seen: seen.assign_attrs(rig=rig)}
+            self._kept[key] = self._spool.add(
+                self._count, cell, capture, conditions, truth_of(capture), bound_of(capture)
+            )
+        return self._kept[key]
+
+    def _score(self, cell: Cell, label: str, truth: Truth, bound: Bound, outcome: Outcome) -> Answer:
+        chosen = self.chosen[label]
+        key = {
+            "suite": self.suite, "scene": cell.scene_name, "stress": cell.stress, "level": cell.level,
+            "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": self.condition,
+            "stage": "range", "estimator": chosen.name, "params": chosen.params,
+        }  # fmt: skip
+        rows = score_rows(
+            key, truth, bound, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
+            wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.failure_at,
+            modality=outcome.job.modality,
+        )  # fmt: skip
+        chosen_elements = _unmixed(truth)
+        threshold = self.failure_at if self.failure_at is not None else 0.5 * bound.response_m
+        limit = np.fmax(5.0 * bound.sigma[chosen_elements], threshold)
+        nothing = np.full(limit.shape, math.nan)
+        if outcome.status != "ok":
+            return Answer(outcome.status, rows, nothing, np.zeros(limit.shape, bool), limit)
+        valid = np.asarray(outcome.arrays["valid"][chosen_elements], bool)
+        error = np.where(valid, errors_of(outcome.arrays["range"], truth)[chosen_elements], math.nan)
+        return Answer("ok", rows, error, valid, limit)
+
+
+def _key(cell: Cell) -> tuple[Any, ...]:
+    return (cell.scene_name, cell.scene.model_dump_json(), cell.seed, cell.key)
+
+
+def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> list[Trial]:
+    """Count the failures of one scene at one level, seed by seed, by mode.
+
+    An element that fails in every seed, always to the same side, is biased; one that fails now and then is an outlier.
+    With one seed the two are told apart by whether the element is within its limit once the capture's median error is
+    taken off. An element without an answer is a refusal; a capture without an estimate is a crash of all its elements.
+    """
+    fine = [answer for answer in answers if answer.status == "ok"]
+    trials = []
+    with np.errstate(invalid="ignore"):
+        far = [answer.valid & ~(np.abs(answer.error) <= answer.limit) for answer in fine]
+        if len(fine) > 1:
+            above = np.all([bad & (a.error > 0) for bad, a in zip(far, fine, strict=True)], axis=0)
+            below = np.all([bad & (a.error < 0) for bad, a in zip(far, fine, strict=True)], axis=0)
+            biased = [above | below] * len(fine)
+        else:
+            biased = []
+            for bad, a in zip(far, fine, strict=True):
+                centre = float(np.median(a.error[a.valid])) if a.valid.any() else 0.0
+                biased.append(bad & (np.abs(a.error - centre) <= a.limit))
+    counts = iter(zip(fine, far, biased, strict=True))
+    for seed, answer in zip(seeds, answers, strict=True):
+        n = int(answer.limit.size)
+        if answer.status != "ok":
+            trials.append(Trial(scene, seed, n, crash=n))
+            continue
+        a, bad, bias = next(counts)
+        displaced = int((bad & bias).sum())
+        trials.append(
+            Trial(scene, seed, n, bias=displaced, outlier=int(bad.sum()) - displaced, refusal=int((~a.valid).sum()))
+        )
+    return trials

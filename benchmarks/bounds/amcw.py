@@ -1,0 +1,67 @@
+"""Cramer-Rao bound of the range of every shot of an AMCW capture, mean and modulation profiled.
+
+Sample (f, k) has the mean μ = M + D cos(ω_f τ − φ_k), D = A m d/2, M = A + ambient + dark. With J the exact information
+of a sample (Poisson ⊗ Gaussian ⊗ ADC) and gradients (−D ω sin · 2n_g/c, 1, cos): σ² = (F⁻¹)₀₀. The bound is local: it
+knows the whole number of cycles, which an estimator must find.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics.amcw import modulation_wavelength
+from ...optics.constants import C_M_PER_S
+from ...optics.fisher_table import information_table
+from ...optics.likelihood_model import NoiseModel
+from ...scenes.declare import group_index
+from ...scenes.scene import amcw_rig
+from ..score import Bound
+from .gated import true_scene
+from .waveform import profiled_sigma
+
+__all__ = ["amcw_bound"]
+
+Float = npt.NDArray[np.float64]
+
+
+def amcw_bound(capture: xr.Dataset) -> Bound:
+    """The bound of every shot of a generated AMCW capture.
+
+    `response_m` is the standard deviation of half the shortest modulation wavelength, λ_m/(2√12): an answer that is
+    wrong by a cycle counts as failed. `kind` is "exact", or "quasi" where the power fluctuates per shot. Raises
+    InputError where the capture lacks its true scene.
+    """
+    scene = true_scene(capture)
+    rig = amcw_rig(scene)
+    detector = rig.detector
+    index = group_index(scene.medium, rig.laser.wavelength_m)
+    half = C_M_PER_S / (2.0 * index)
+    frequency = np.asarray(rig.modulation.frequencies_hz, np.float64)
+    response_m = float(modulation_wavelength(frequency.max(), index)) / (2.0 * math.sqrt(12.0))
+    window_m = rig.range_window_m[1] - rig.range_window_m[0]
+    truth = np.asarray(capture["truth_range"].values, np.float64)
+    if "truth_amplitude" not in capture:
+        return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
+    amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
+    background = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * rig.modulation.integration_s
+    depth = 0.5 * rig.laser.modulation_depth * detector.demodulation_contrast * amplitude
+    omega = 2.0 * np.pi * np.repeat(frequency, rig.modulation.phase_steps)
+    phase = np.tile(2.0 * np.pi * np.arange(rig.modulation.phase_steps) / rig.modulation.phase_steps, frequency.size)
+    turn = omega * (np.nan_to_num(truth)[:, None] / half - rig.t0_s) - phase
+    mean = np.maximum(amplitude + background + depth * np.cos(turn), 0.0)
+    gradient = np.stack([-depth * omega * np.sin(turn) / half, np.ones_like(turn), np.cos(turn)])
+    noise = NoiseModel(
+        read_noise_e=detector.read_noise_e,
+        gain_dn_per_e=detector.gain_dn_per_e,
+        offset_dn=detector.offset_dn,
+        adc_max_dn=2**detector.adc_bits - 1,
+        full_well_e=detector.full_well_e,
+    )
+    information = np.asarray(information_table(noise)(mean), np.float64)
+    sigma = profiled_sigma(information, gradient)
+    kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
+    return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, response_m, window_m)

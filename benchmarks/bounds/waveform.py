@@ -1,0 +1,121 @@
+"""Cramer-Rao bound of the range of every shot of a waveform capture, amplitude and background profiled.
+
+Sample k has the mean μ_k = α R(τ − t_k + Δ/2) + b, R the correlation of the detected pulse with the sampling interval.
+With J_k the information of sample k about its mean and gradients a_k = (α R' · 2n_g/c, R, 1), F = Σ J_k a_k a_kᵀ and
+σ² = (F⁻¹)₀₀. Analog samples: J is exact for Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC (`optics.fisher`). Single-photon bins:
+n_k ~ Binomial(live_k, 1 − e^(−λ_k)) given the earlier counts, so that the score is a sum of martingale differences and
+J_k = E live_k/((e^λ − 1) M²) about μ = Mλ. The echo is that of a point at the true range.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics import pile_up, waveforms
+from ...optics.constants import C_M_PER_S
+from ...optics.correlation import Table, lookup, tabulate
+from ...optics.fisher_table import information_table
+from ...optics.likelihood_model import NoiseModel
+from ...scenes.declare import group_index
+from ...scenes.declare_waveform import shown_pulse
+from ...scenes.rig_waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
+from ...scenes.scene import waveform_rig
+from ..score import Bound
+from .gated import response_std_s, true_scene
+
+__all__ = ["analog_noise", "profiled_sigma", "waveform_bound"]
+
+Float = npt.NDArray[np.float64]
+
+_RTOL = 3e-6
+
+
+def analog_noise(readout: AnalogReadout) -> NoiseModel:
+    """The likelihood of one analog sample."""
+    tube = readout.avalanche
+    return NoiseModel(
+        read_noise_e=readout.read_noise_e,
+        gain_dn_per_e=readout.gain_dn_per_e,
+        offset_dn=readout.offset_dn,
+        adc_max_dn=2**readout.adc_bits - 1,
+        full_well_e=readout.full_well_e,
+        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
+        intensifier_gain=1.0 if tube is None else tube.gain,
+    )
+
+
+def profiled_sigma(information: Float, gradient: Float) -> Float:
+    """√(F⁻¹)₀₀ (shot) of F = Σ_k J_k a_k a_kᵀ; infinite where F has no inverse.
+
+    Main arguments:
+        information (shot, sample), gradient (parameter, shot, sample): the first parameter is the wanted one.
+    """
+    f = np.einsum("psk,qsk,sk->spq", gradient, gradient, information)
+    # Scaled to a unit diagonal first: the parameters differ by many orders.
+    d = np.sqrt(np.maximum(np.diagonal(f, axis1=1, axis2=2), 1e-300))
+    scaled = f / (d[:, :, None] * d[:, None, :])
+    good = np.isfinite(scaled).all(axis=(1, 2)) & (np.abs(np.linalg.det(np.nan_to_num(scaled))) > 1e-12)
+    inverse = np.linalg.inv(np.where(good[:, None, None], scaled, np.eye(f.shape[1])))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(good, np.sqrt(inverse[:, 0, 0]) / d[:, 0], np.inf)
+
+
+def waveform_bound(capture: xr.Dataset) -> Bound:
+    """The bound of every shot of a generated waveform capture. `kind` is "exact", or "quasi" where energy or timing
+    fluctuate per shot. Raises InputError where the capture lacks its true scene."""
+    scene = true_scene(capture)
+    rig = waveform_rig(scene)
+    pulse, delay = shown_pulse(rig)
+    step = rig.record.step_s
+    table = tabulate(pulse, waveforms.RectangularGate(step, 1.0), _RTOL)
+    half = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
+    time = np.asarray(capture["time"].values, np.float64) - float(json.loads(capture.attrs["rig"])["t0_s"]) + rig.t0_s
+    response_m = half * response_std_s([table])
+    window_m = half * (float(time[-1] - time[0]) + step)
+    truth = np.asarray(capture["truth_range"].values, np.float64)
+    if "truth_amplitude" not in capture or "truth_background" not in capture:
+        return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
+    amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
+    background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
+    u = (truth / half + delay)[:, None] - time + 0.5 * step
+    seen = np.isfinite(u)
+    share, slope = _share(table, np.where(seen, u, 0.0))
+    mean = np.maximum(amplitude * share + background, 0.0)
+    gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
+    sigma = profiled_sigma(_information(rig, mean), gradient)
+    kind = "quasi" if rig.laser.energy_fluctuation > 0 or rig.laser.jitter_shot_s > 0 else "exact"
+    return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, response_m, window_m)
+
+
+def _share(table: Table, u: Float) -> tuple[Float, Float]:
+    """R(u) and R'(u); the slope by differences of the cubic, 1e-3 of the table's step apart."""
+    small = 1e-3 * table.step_s
+    value = np.asarray(lookup(table, u), np.float64)
+    ahead, behind = np.asarray(lookup(table, u + small)), np.asarray(lookup(table, u - small))
+    return value, np.asarray((ahead - behind) / (2 * small), np.float64)
+
+
+def _information(rig: WaveformRig, mean: Float) -> Float:
+    """J (shot, sample) about the mean of a shot's samples."""
+    readout = rig.detector.readout
+    if isinstance(readout, SinglePhotonReadout):
+        rate = mean / rig.pulses_per_shot
+        dead = pile_up.dead_bins(readout.dead_time_s, rig.record.step_s, rig.record.samples)
+        _, live = pile_up.expected_counts(rate, rig.pulses_per_shot, dead)
+        return pile_up.count_information(rate, live) / rig.pulses_per_shot**2
+    floor = max(float(mean.min()), 1e-4)
+    top = max(float(mean.max()), 2 * floor)
+    grid = np.linspace(math.log(0.99 * floor), math.log(1.01 * top), 2 + math.ceil(64 * math.log(top / floor)))
+    values = np.log(np.maximum(_table(analog_noise(readout))(np.exp(grid)), 1e-300))
+    return np.asarray(np.exp(np.interp(np.log(np.maximum(mean, floor)), grid, values)), np.float64)
+
+
+@lru_cache(maxsize=8)
+def _table(noise: NoiseModel):  # type: ignore[no-untyped-def]
+    return information_table(noise)

@@ -1,0 +1,227 @@
+"""Break an estimator on generated captures: the search of `breaker` with real scenes, and what it leaves on disk."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..scenes.errors import InputError
+from ..scenes.load import load_scene
+from ..scenes.scene import Scene
+from .bench import Bench
+from .break_space import Candidate, dimensions_of
+from .breaker import Search, search_and_shrink, suite_text
+from .estimator_labels import check_estimators
+from .files import write_json, write_text
+from .progress import Progress, silent
+from .record import machine, now, versions
+from .stress import stressed
+from .suite import CELL_NONE, Cell, capture_key
+from .suite_spec import Limits
+from .tables import to_csv
+
+__all__ = ["NEIGHBOURS", "SCENES", "BreakResult", "break_estimator"]
+
+#: Who an estimator is measured against where nobody is named: one of each family.
+NEIGHBOURS = {
+    "gated": ("poisson-ml", "weighted-average[background=outside]", "parabola"),
+    "waveform": ("waveform-ml", "waveform-average", "waveform-constant-fraction"),
+    "amcw": ("amcw-ml", "amcw-phase", "amcw-decade"),
+}
+#: Scenes of the library that are searched where none is named, the plainest first.
+SCENES = {
+    "gated": ("flat-wall", "tilted-wall", "sphere"),
+    "waveform": ("photodetector-5m", "counter"),
+    "amcw": ("amcw",),
+}
+
+_COLUMNS = ("scene", "levels", "badness")
+
+
+@dataclass(frozen=True)
+class BreakResult:
+    """What a search left.
+
+    `found`: whether the estimator fails against its neighbours somewhere. `ratio`: its full RMSE over the best there
+    (a crash counts as ten times). `spec`: the suite file that repeats the find, None without one. `levels`, `scene`:
+    the find, or the worst that was seen. `rows`: the scores at the find, of the estimator and its neighbours.
+    """
+
+    out: Path
+    found: bool
+    ratio: float
+    scene: str
+    levels: dict[str, float]
+    spec: Path | None
+    rows: list[dict[str, Any]]
+    judged: int
+    wall_s: float
+
+
+class _Judge:
+    """Badness of a candidate: log10 of the estimator's full RMSE over the best that anybody reaches."""
+
+    def __init__(self, bench: Bench, label: str, scenes: Mapping[str, Scene]) -> None:
+        self.bench, self.label, self.scenes = bench, label, scenes
+        self.impossible = 0
+
+    def cell(self, candidate: Candidate, seed: int) -> tuple[Cell, dict[str, Any]]:
+        """The cell as `beambench run` makes it from the written spec, and the overrides."""
+        scene, overrides = stressed(self.scenes[candidate.scene], candidate.levels)
+        nan, key = math.nan, capture_key(scene.name, CELL_NONE, math.nan)
+        return Cell(scene.name, scene, CELL_NONE, nan, CELL_NONE, nan, seed, key), overrides
+
+    def answers(self, candidate: Candidate, seed: int) -> dict[str, dict[str, Any]]:
+        """Score row by label."""
+        cell, _ = self.cell(candidate, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore"
+            )  # of scenes outside the gates and the like: the search goes there on purpose
+            (answers,) = self.bench.answer([cell])
+        return {label: answer.row for label, answer in answers.items()}
+
+    def __call__(self, candidate: Candidate, seed: int) -> float:
+        try:
+            rows = self.answers(candidate, seed)
+        except InputError:  # levels that no scene can have together, or no element with a truth
+            self.impossible += 1
+            return -math.inf
+        mine = rows[self.label]
+        best = min((row["rmse_full"] for label, row in rows.items() if label != self.label), default=math.inf)
+        best = max(min(best, mine["rmse_full"]), 1e-12)
+        bounds = [row["bound"] for row in rows.values() if row["bound"] > 0]
+        reference = max([best, *bounds[:1]])
+        badness = math.log10(mine["rmse_full"] / reference) if mine["rmse_full"] > 0 else -math.inf
+        return badness + (1.0 if mine["status"] != "ok" else 0.0)
+
+
+def break_estimator(
+    name: str,
+    out: Path,
+    *,
+    neighbours: Sequence[str] = (),
+    scenes: Sequence[str] = (),
+    overrides: Mapping[str, Any] | None = None,
+    side: int = 24,
+    factor: float = 3.0,
+    budget: int = 300,
+    seed: int = 0,
+    time_limit_s: float = 30.0,
+    progress: Progress = silent,
+    command: Sequence[str] = (),
+) -> BreakResult:
+    """Search for a scene in which an estimator fails against its neighbours, and write it into `out`.
+
+    Main arguments:
+        name: the estimator's label. out: a folder that exists.
+    Other arguments:
+        neighbours: labels to compare with; `NEIGHBOURS` by default. scenes: names or paths, the plainest first; `SCENES`
+        by default. overrides: of every scene.
+        side: rows and columns of the captures (side² shots): small, since a find needs no resolution. factor, budget, seed: see
+        `search_and_shrink`. time_limit_s: per capture and estimator.
+
+    Raises:
+        InputError: unknown estimator, scene or override, no neighbour, or a budget that is no number of candidates.
+    """
+    start, began = time.perf_counter(), now()
+    (target,) = check_estimators([name])
+    scenes = scenes or SCENES[_modality(target.name)]
+    modalities = {load_scene(scene).modality for scene in scenes}
+    if len(modalities) != 1:
+        raise InputError("One search is over scenes of one kind.", where="scenes", value=sorted(modalities))
+    modality = modalities.pop()
+    others = [one for one in check_estimators(neighbours or NEIGHBOURS[modality]) if one.label != target.label]
+    if not others:
+        raise InputError("An estimator is judged against others.", where="neighbours", value=list(neighbours))
+    if not (1 <= budget <= 100_000 and factor > 1 and 2 <= side <= 1024):
+        raise InputError(
+            "The search cannot be made like this.",
+            where="budget, factor, side",
+            value=(budget, factor, side),
+            allowed="budget 1 … 100000, factor over 1, side 2 … 1024",
+        )
+    base = {**_size(modality, side), **(overrides or {})}
+    loaded = {scene: load_scene(scene, base) for scene in scenes}
+    space = dimensions_of(list(loaded.values()))
+    with Bench([target, *others], Limits(time_s=time_limit_s), suite=f"break-{target.name}") as bench:
+        judge = _Judge(bench, target.label, loaded)
+        search = search_and_shrink(
+            judge, list(scenes), space, factor=factor, budget=budget, seed=seed, progress=progress
+        )
+        candidate, badness = (search.find.candidate, search.find.badness) if search.find else search.worst
+        rows = list(judge.answers(candidate, seed).values())
+        changes = judge.cell(candidate, seed)[1]
+        made = bench.captures_made
+    spec = None
+    if search.find is not None:
+        spec = out / f"break-{target.name}.toml"
+        labels = [target.label, *(one.label for one in others)]
+        text = suite_text(
+            spec.stem,
+            _note(target.label, candidate, rows),
+            candidate.scene,
+            {**base, **changes},
+            labels,
+            seed,
+            spec.name,
+        )
+        write_text(spec, text)
+    write_text(out / "search.csv", _table(search))
+    record = {
+        "estimator": target.label, "neighbours": [one.label for one in others], "scenes": list(scenes),
+        "overrides": dict(overrides or {}), "side": side, "factor": factor, "budget": budget, "seed": seed,
+        "judged": search.judged, "captures": made, "impossible": judge.impossible, "found": search.find is not None,
+        "scene": candidate.scene, "levels": dict(candidate.levels), "command": list(command), "started": began,
+        "finished": now(), "machine": machine(), "versions": versions(),
+    }  # fmt: skip
+    write_json(out / "run.json", record)
+    wall = time.perf_counter() - start
+    return BreakResult(
+        out, search.find is not None, 10.0**badness, candidate.scene, dict(candidate.levels), spec, rows,
+        search.judged, wall,
+    )  # fmt: skip
+
+
+def _modality(name: str) -> str:
+    """What a built-in reads. A plug-in's code is never imported here: its scenes tell, and are gated if not named."""
+    from ..estimators import BUILTIN
+    from ..estimators.registry import get_estimator
+
+    return get_estimator(name).modality if name in BUILTIN else "gated"
+
+
+def _size(modality: str, side: int) -> dict[str, Any]:
+    if modality == "gated":
+        return {"rig.camera.rows": side, "rig.camera.cols": side}
+    return {"rig.record.shots" if modality == "waveform" else "rig.shots": side * side}
+
+
+def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -> str:
+    """One line for people: who fails how badly, and where."""
+    where = ", ".join(f"{axis} = {level:g}" for axis, level in candidate.levels) or "as written"
+    mine, others = rows[0], rows[1:]
+    best = min(others, key=lambda row: row["rmse_full"])
+    status = "" if mine["status"] == "ok" else f" ({str(mine['status'])[:60]})"
+    return (
+        f"{label}: RMSE {mine['rmse_full']:.3g} m{status}, {best['estimator']} {best['rmse_full']:.3g} m, "
+        f"bound {mine['bound'] if mine['bound'] > 0 else best['bound']:.3g} m; {where}"
+    )
+
+
+def _table(search: Search) -> str:
+    """search.csv: every candidate with its badness, in the order of the search; impossible ones are left empty."""
+    rows = [
+        {
+            "scene": candidate.scene,
+            "levels": " ".join(f"{axis}={level:g}" for axis, level in candidate.levels),
+            "badness": badness if math.isfinite(badness) else math.nan,
+        }
+        for candidate, badness in search.seen
+    ]
+    return to_csv(rows, _COLUMNS)

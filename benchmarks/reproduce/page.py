@@ -1,0 +1,68 @@
+"""The page of a reproduction: every item with its rows and pictures, in one offline HTML file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..pictures import data_uri
+from .rows import VERDICTS, Row
+
+__all__ = ["MEANINGS", "render_page"]
+
+MEANINGS = {
+    "arithmetic": "follows by calculation alone from what is printed, and agrees",
+    "predicted": "a model that was not fitted to the number gives it within the tolerance, and could have failed",
+    "fitted": "a parameter was chosen to give the number: no evidence",
+    "by-construction": "we put it in ourselves: no evidence",
+    "trend": "no number is printed; the stated direction is found",
+    "undetermined": "the document leaves so much open that agreement and disagreement would both be possible",
+    "contradicted": "does not follow from the document's own equations or data, or a calculation gives something else",
+}
+assert tuple(MEANINGS) == VERDICTS
+
+_CAPTIONS = {
+    "Figure 2": "Eq. 4 against angle for four surfaces. Parameters are ours.",
+    "Figure 3": "Bars: one experiment of 30 measurements. Red: expected from the noise.",
+    "Figure 4": "Dots: 30 measurements each. Lines: expected from the noise. Legend: reflectivity.",
+    "Figure 6": "Light on a flat wall against the radius in the image.",
+    "Figure 7": "Mean of 30 measurements by weighted average, in three experiments that may be the figure's.",
+    "Table 1": "Diamonds: published. Bars: what a reading predicts over rigs that the document does not exclude; tick: median.",
+}
+
+
+def _text(value: float) -> str:
+    if math.isnan(value):
+        return "–"
+    return f"{value:.4g}" if value == 0.0 or 1e-3 <= abs(value) < 1e5 else f"{value:.2e}"
+
+
+def render_page(rows: Sequence[Row], charts: dict[str, bytes], objects: dict[str, tuple[str, bytes]]) -> str:
+    """HTML of rows by item, with charts (item -> PNG) and pictures of the objects (name -> (caption, PNG))."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    items = []
+    for name in dict.fromkeys(row.item for row in rows):
+        pictures = [{"uri": data_uri(charts[name]), "caption": _CAPTIONS[name]}] if name in charts else []
+        pictures += [{"uri": data_uri(image), "caption": caption} for caption, image in objects.values()
+                     if caption.startswith(f"{name}:")]  # fmt: skip
+        mine = [_shown(row) for row in rows if row.item == name]
+        slug = name.lower().replace(" ", "-").replace(".", "")
+        items.append({"name": name, "slug": slug, "pictures": pictures, "rows": mine})
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    counts = [(verdict, sum(row.verdict == verdict for row in rows)) for verdict in VERDICTS]
+    template = environment.get_template("reproduction.html.j2")
+    return template.render(items=items, counts=counts, meanings=list(MEANINGS.items()))
+
+
+def _shown(row: Row) -> dict[str, Any]:
+    return {
+        "quantity": row.quantity, "unit": row.unit, "published": _text(row.published), "verdict": row.verdict,
+        "reproduced": _text(row.reproduced), "tolerance": _text(row.tolerance), "note": row.note,
+        "free": row.free_parameters,
+    }  # fmt: skip

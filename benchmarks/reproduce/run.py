@@ -1,0 +1,139 @@
+"""All rows in the document's order, and the files that `beambench reproduce` leaves."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..files import write_atomic, write_json, write_text
+from .rows import COLUMNS, Row
+
+__all__ = ["ITEMS", "Reproduction", "all_rows", "reproduce", "to_csv"]
+
+#: Items of sections 2 to 5 with something to compute, in the document's order. Figures 1 and 5 are diagrams.
+ITEMS = (
+    *(f"Eq. {n}" for n in range(1, 7)), "Figure 2", "Figure 3", "Figure 4",
+    *(f"Eq. {n}" for n in range(7, 14)), "Figure 6", "Figure 7",
+    *(f"Eq. {n}" for n in range(14, 26)), "Figure 8", "Figure 9", "Table 1",
+)  # fmt: skip
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What a run left: folder, rows, page, and how long it took."""
+
+    out: Path
+    rows: list[Row]
+    page: Path
+    wall_s: float
+
+
+def all_rows(say: Progress | None = None) -> list[Row]:
+    """Every row, ordered by item as in the document. Deterministic: all seeds are fixed."""
+    from .accuracy import accuracy_rows
+    from .deviation import deviation_rows
+    from .illumination import illumination_rows
+    from .ladar import ladar_rows
+    from .model import model_rows
+    from .ranger import ranger_rows
+    from .reflection import reflection_rows
+    from .surfaces import figure_2_rows
+    from .table_1 import table_1_rows
+
+    parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
+        ("Eq. 1-6 and 18-22: received power", ladar_rows), ("Figure 2: reflection model", figure_2_rows),
+        ("Figures 3 and 4: photodetector, reflectivity and incidence", reflection_rows),
+        ("Figure 7: photodetector, deviation", deviation_rows),
+        ("Figures 3, 4 and 7 on generated waveforms", ranger_rows),
+        ("Eq. 7-13, Figure 6: illumination", illumination_rows),
+        ("Eq. 14-17, 25: accuracy", accuracy_rows), ("Table 1: two readings over plausible rigs", table_1_rows),
+        ("Eq. 23-24, Figures 8 and 9: generated stacks", model_rows),
+    )  # fmt: skip
+    rows: list[Row] = []
+    for name, make in parts:
+        if say is not None:
+            say(name)
+        rows += make()
+    return sorted(rows, key=lambda row: ITEMS.index(row.item))
+
+
+def _field(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value + 0.0:.6g}"
+    return str(value)
+
+
+def to_csv(rows: Iterable[Row]) -> str:
+    """reproduction.csv: numbers with six significant digits, NaN as an empty field, lines ended by a line feed."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([_field(getattr(row, name)) for name in COLUMNS] for row in rows)
+    return buffer.getvalue()
+
+
+def _write_parquet(path: Path, rows: list[Row]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    numbers = ("published", "reproduced", "tolerance")
+    arrays = [pa.array([getattr(row, name) for row in rows], type=pa.float64() if name in numbers else pa.string())
+              for name in COLUMNS]  # fmt: skip
+    pq.write_table(pa.Table.from_arrays(arrays, names=list(COLUMNS)), path)
+
+
+def reproduce(out: Path, *, pictures: bool = True, say: Progress | None = None) -> Reproduction:
+    """Compute all rows and write reproduction.csv, .parquet and .html, run.json, and pictures/ into the folder `out`.
+
+    Other arguments:
+        pictures: charts and pictures of the objects; without them the page has its tables only.
+        say: told of each part.
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from ..record import machine, versions
+    from .page import render_page
+
+    start = time.perf_counter()
+    rows = all_rows(say)
+    charts: dict[str, bytes] = {}
+    objects: dict[str, tuple[str, bytes]] = {}
+    if pictures:
+        import vl_convert as vlc
+
+        from .charts import chart_svgs
+        from .surface_picture import object_pictures
+
+        if say is not None:
+            say("charts and pictures")
+        charts = {item: vlc.svg_to_png(svg, scale=1.5) for item, svg in chart_svgs().items()}
+        objects = object_pictures()
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "reproduction.csv", to_csv(rows))
+    write_atomic(out / "reproduction.parquet", lambda path: _write_parquet(path, rows))
+    if pictures:
+        (out / "pictures").mkdir(exist_ok=True)
+        named = {item.lower().replace(" ", "-"): image for item, image in charts.items()}
+        for name, image in (named | {name: image for name, (_, image) in objects.items()}).items():
+            _write_bytes(out / "pictures" / f"{name}.png", image)
+    page = out / "reproduction.html"
+    write_text(page, render_page(rows, charts, objects))
+    wall = time.perf_counter() - start
+    write_json(out / "run.json", {"verb": "reproduce", "document": "000", "wall_s": round(wall, 3), "rows": len(rows),
+                                  "machine": machine(), "versions": versions()})  # fmt: skip
+    return Reproduction(out, rows, page, wall)
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    def write(partial: Path) -> None:
+        partial.write_bytes(data)
+
+    write_atomic(path, write)

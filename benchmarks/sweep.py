@@ -1,0 +1,236 @@
+"""Sweep the stresses of a suite: failure maps refined at the edge of breakdown, and breakdown.csv."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..scenes.errors import InputError
+from ..scenes.scene import Scene
+from .bench import Bench, trials_of
+from .breakdown import VARIANTS, breakdown_row, calm_level, change_in_bounds, map_rows, write_breakdown
+from .estimator_labels import Chosen, check_estimators
+from .failure_map import EdgeMap, Point, refine_axis, refine_grid
+from .failure_rate import Trial
+from .files import write_json
+from .output import Journal, default_folder, prepare_folder
+from .progress import Progress, silent
+from .record import machine, now, versions
+from .stress import axis_unit, stressed
+from .suite import CELL_NONE, Cell, Loaded, capture_key, load_suite
+from .suite_spec import Split, Stress
+from .tables import write_tables
+
+__all__ = ["SweepResult", "sweep_suite"]
+
+
+@dataclass
+class SweepResult:
+    """What a sweep left: its folder, the rows of breakdown.csv and failure_map.csv, pictures and page."""
+
+    out: Path
+    rows: list[dict[str, Any]]
+    maps: list[dict[str, Any]]
+    pictures: list[Path]
+    report: Path | None
+    wall_s: float
+    failures: list[dict[str, str]] = field(default_factory=list)
+
+
+def sweep_suite(
+    suite: str | Path | Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    split: Split = "test",
+    budget: int = 16,
+    depth: int = 2,
+    overwrite: bool = False,
+    report: bool = True,
+    progress: Progress = silent,
+    command: Sequence[str] = (),
+) -> SweepResult:
+    """Find where the estimators of a suite break down along each of its stresses, and write the tables and pictures.
+
+    Estimators see the first of the suite's conditions. The captures at a level are those that `run_suite` makes there.
+
+    Main arguments:
+        suite: name, path or plain data, with at least one stress. out: the folder.
+    Other arguments:
+        overrides: see `load_suite`. split: which seeds. budget: levels measured at most, per estimator and axis.
+        depth: how often a cell of a two-dimensional grid is halved. overwrite: replace an earlier run in `out`.
+        report: write the page. progress, command: as for `run_suite`.
+
+    Raises:
+        InputError: bad input, or a suite without a stress.
+    """
+    start, began = time.perf_counter(), now()
+    loaded = load_suite(suite, overrides)
+    if not loaded.suite.stresses:
+        raise InputError(
+            "The suite has no stress to sweep.",
+            where="stresses",
+            allowed='stresses = [{ axis = "photons", values = [1.0, 0.1, 0.01] }]',
+        )
+    if not 2 <= budget <= 1000 or not 0 <= depth <= 8:
+        raise InputError("The sweep is too small or too large.", where="budget, depth", value=(budget, depth),
+                         allowed="budget 2 … 1000, depth 0 … 8")  # fmt: skip
+    chosen = check_estimators(loaded.suite.estimators)
+    folder = Path(out) if out is not None else default_folder(loaded.suite.suite)
+    prepare_folder(folder, loaded.hash, resume=False, overwrite=overwrite)
+    Journal(folder, loaded.hash)  # marks the folder as a run's
+    spec = loaded.suite
+    with Bench(
+        chosen, spec.limits, suite=spec.suite, fidelity=spec.fidelity, rtol=spec.rtol, failure_at=spec.failure_at,
+        condition=spec.conditions[0], declare=_declare(loaded),
+    ) as bench:  # fmt: skip
+        sweep = _Sweep(loaded, chosen, bench, split, budget, depth, progress)
+        sweep.base()
+        for stress in spec.stresses:
+            sweep.along(stress)
+    write_breakdown(folder, sweep.rows, sweep.maps)
+    write_tables(folder, sweep.scores)
+    record = {
+        "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash, "split": split,
+        "seeds": list(getattr(spec.seeds, split)), "captures": bench.captures_made, "conditions": [bench.condition],
+        "estimators": list(spec.estimators), "overrides": dict(overrides or {}), "command": list(command),
+        "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3), "machine": machine(),
+        "versions": versions(), "failures": sweep.failures, "budget": budget, "depth": depth,
+    }  # fmt: skip
+    write_json(folder / "run.json", record)
+    from .report_breakdown import save_maps
+
+    pictures = save_maps(folder, sweep.maps, sweep.rows, sweep.cells)
+    page = None
+    if report:
+        from .report import write_report
+
+        page = write_report(folder)
+    wall = time.perf_counter() - start
+    return SweepResult(folder, sweep.rows, sweep.maps, pictures, page, wall, sweep.failures)
+
+
+def _declare(loaded: Loaded) -> Any:
+    """What changes the declared rig under the condition that is swept."""
+    if loaded.suite.conditions[0] == "matched":
+        return None
+    from .calibrate import calibrated_rig
+
+    calibration = loaded.suite.calibration
+    assert calibration is not None
+    known: dict[tuple[str, str], str] = {}
+
+    def declare(cell: Cell, rig: str) -> str:
+        key = (rig, cell.scene.model_dump_json(include={"rig"}))
+        if key not in known:
+            known[key] = calibrated_rig(cell.scene, rig, calibration)
+        return known[key]
+
+    return declare
+
+
+class _Sweep:
+    """The state of one sweep."""
+
+    def __init__(
+        self, loaded: Loaded, chosen: list[Chosen], bench: Bench, split: Split, budget: int, depth: int,
+        progress: Progress,
+    ) -> None:  # fmt: skip
+        self.loaded, self.chosen, self.bench, self.progress = loaded, chosen, bench, progress
+        self.budget, self.depth = budget, depth
+        self.seeds: tuple[int, ...] = getattr(loaded.suite.seeds, split)
+        if not self.seeds:
+            raise InputError(f"The suite has no {split} seeds.", where="seeds", next_step="add them to the suite file")
+        self.rows: list[dict[str, Any]] = []
+        self.maps: list[dict[str, Any]] = []
+        self.scores: list[dict[str, Any]] = []
+        self.failures: list[dict[str, str]] = []
+        self.cells: dict[tuple[str, str, str], list[tuple[float, float, float, float]]] = {}
+
+    def _cells(self, scene_name: str, scene: Scene, stress: Stress | None, point: Point) -> list[Cell]:
+        nan = math.nan
+        axis = stress.axis if stress is not None else CELL_NONE
+        axis2 = stress.axis2 or CELL_NONE if stress is not None else CELL_NONE
+        level, level2 = (*point, nan, nan)[:2]
+        levels = [pair for pair in ((axis, level), (axis2, level2)) if pair[0] != CELL_NONE]
+        changed = stressed(scene, levels)[0]
+        key = capture_key(scene_name, axis, level, axis2, level2)
+        return [Cell(scene_name, changed, axis, level, axis2, level2, seed, key) for seed in self.seeds]
+
+    def base(self) -> None:
+        """The scenes as written, timed, so that the page tells speed and accuracy too."""
+        for number, (name, scene) in enumerate(self.loaded.scenes):
+            self.progress("as written", number, len(self.loaded.scenes), name)
+            for answers in self.bench.answer(self._cells(name, scene, None, ()), timed=True):
+                for answer in answers.values():
+                    self.scores += answer.rows
+        self.progress("as written", len(self.loaded.scenes), len(self.loaded.scenes), "")
+
+    def along(self, stress: Stress) -> None:
+        """Map one stress for every estimator."""
+        store: dict[tuple[str, Point], list[Trial]] = {}
+        first: list[Point] = [(x, y) for x in stress.values for y in stress.values2]
+        first = first or [(x,) for x in stress.values]
+        for number, point in enumerate(first):  # all estimators read a capture while it is at hand
+            self.progress(stress.axis, number, len(first), f"level {point[0]:g}")
+            self._measure(store, stress, point, [one.label for one in self.chosen])
+        for number, one in enumerate(self.chosen):
+            self.progress(f"{stress.axis} edge", number, len(self.chosen), one.label)
+
+            def evaluate(points: Sequence[Point], label: str = one.label) -> dict[Point, list[Trial]]:
+                for point in points:
+                    self._measure(store, stress, point, [label])
+                return {point: store[label, point] for point in points}
+
+            if stress.axis2 is None:
+                found = refine_axis(evaluate, stress.values, budget=self.budget, axis=stress.axis)
+                self.rows.append(self._row(stress, one, found))
+            else:
+                found = refine_grid(
+                    evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2
+                )
+                self.cells[one.label, stress.axis, stress.axis2] = found.cells
+            self.maps += map_rows(self._key(stress, one), found)
+        self.progress(f"{stress.axis} edge", len(self.chosen), len(self.chosen), "")
+
+    def _measure(
+        self, store: dict[tuple[str, Point], list[Trial]], stress: Stress, point: Point, labels: Sequence[str]
+    ) -> None:
+        wanted = [label for label in labels if (label, point) not in store]
+        if not wanted:
+            return
+        for label in wanted:
+            store[label, point] = []
+        for name, scene in self.loaded.scenes:
+            answers = self.bench.answer(self._cells(name, scene, stress, point), wanted)
+            for label in wanted:
+                mine = [found[label] for found in answers]
+                store[label, point] += trials_of(name, self.seeds, mine)
+                for answer in mine:
+                    self.scores += answer.rows
+                    if answer.status != "ok":
+                        place = f"{name}, {stress.axis} = {point[0]:g}"
+                        failure = {"estimator": label, "scene": place, "condition": self.bench.condition}
+                        self.failures.append({**failure, "message": answer.status})
+
+    def _key(self, stress: Stress, one: Chosen) -> dict[str, str]:
+        return {
+            "modality": str(self.loaded.scenes[0][1].rig.kind), "suite": self.loaded.suite.suite,
+            "estimator": one.label, "axis": stress.axis, "unit": axis_unit(stress.axis),
+            "axis2": stress.axis2 or CELL_NONE, "unit2": axis_unit(stress.axis2) if stress.axis2 else "",
+        }  # fmt: skip
+
+    def _row(self, stress: Stress, one: Chosen, found: EdgeMap) -> dict[str, Any]:
+        single = gain = math.nan
+        level = calm_level(stress.values, found)
+        if level is not None:
+            name, scene = self.loaded.scenes[0]
+            cell = self._cells(name, scene, stress, (level,))[0]
+            outcomes, truth, bound = self.bench.variants(cell, one.label, VARIANTS)
+            single = change_in_bounds(outcomes["float32"], outcomes["float64"], truth, bound)
+            gain = change_in_bounds(outcomes["as-is"], outcomes["one-more"], truth, bound)
+        return breakdown_row(self._key(stress, one), stress.values, found, float32_vs_64=single, gain_1dn=gain)

@@ -1,0 +1,126 @@
+"""The amplitude-modulated modality: samples = readout(½ (Σ_j a_j (1 + ½ m d cos(2πf(τ_j − t₀) − φ)) + ambient) + dark)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..captures.build import make_capture
+from ..scenes.declare import declared_rig
+from ..scenes.rig import Detector
+from ..scenes.rig_amcw import AmcwDetector
+from ..scenes.scene import Scene, amcw_rig
+from .detector import detect, fixed_pattern
+from .footprint import Footprint, footprint, rays_for, shot_angles
+from .random import Stage, blocks, generator
+from .ranger_capture import ranger_attributes, warn_about
+from .ranger_effects import amcw_effects
+from .trace import Tracer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["amcw_detector", "amcw_footprint", "expected_samples", "generate_amcw", "phase_steps"]
+
+Float = NDArray[np.float64]
+
+
+def generate_amcw(
+    scene: Scene, *, seed: int, key: int, rtol: float, truth_electrons: bool, tracer: Tracer | None
+) -> xr.Dataset:
+    """One AMCW capture with its truth. Arguments as for `generate`; called by it."""
+    rig = amcw_rig(scene)
+    rays = rays_for(rtol)
+    beam = amcw_footprint(scene, rays, tracer)
+    signal, background = expected_samples(scene, beam, seed, key)
+    expected = (signal + background).astype(np.float32)
+    shots, frequencies, phases = expected.shape
+    detector = amcw_detector(rig.detector)
+    flat = np.ascontiguousarray(expected.reshape(shots, -1).T)[:, :, None]
+    counts = detect(flat, detector, fixed_pattern(detector, shots, 1), seed, key)[:, :, 0].T
+    declared = declared_rig(scene)
+    truth: dict[str, Any] = {
+        "truth_range": beam.axis_range,
+        "truth_amplitude": 0.5 * beam.amplitude.sum(axis=1) * rig.laser.power_w * rig.modulation.integration_s,
+    }
+    if truth_electrons:
+        truth["truth_electrons"] = expected
+    effects = amcw_effects(scene, beam, truth["truth_range"])
+    warn_about(scene, float(signal.max()), "the field of view", effects)
+    return make_capture(
+        "amcw",
+        data={"samples": np.ascontiguousarray(counts).reshape(shots, frequencies, phases)},
+        coords={
+            "frequency": np.asarray(rig.modulation.frequencies_hz),
+            "phase": phase_steps(rig.modulation.phase_steps),
+            "laser_on": True,
+            "valid": True,
+        },
+        truth=truth,
+        attrs=ranger_attributes(scene, declared, seed, key, rtol, rays * rig.shots, effects, truth_electrons),
+    )
+
+
+def phase_steps(count: int) -> Float:
+    """Reference phases 2πk/count, rad."""
+    return 2.0 * np.pi * np.arange(count) / count
+
+
+def amcw_footprint(scene: Scene, rays: int, tracer: Tracer | None = None) -> Footprint:
+    """The footprint of every shot of an AMCW scene."""
+    rig = amcw_rig(scene)
+    return footprint(
+        scene,
+        tracer or Tracer(scene),
+        wavelength_m=rig.laser.wavelength_m,
+        illumination=rig.laser.illumination,
+        receiver=rig.receiver,
+        detector_diameter_m=rig.detector.active_diameter_m,
+        quantum_efficiency=rig.detector.quantum_efficiency,
+        angle_rad=shot_angles(rig.shots, rig.scan_half_angle_rad),
+        rays=rays,
+    )
+
+
+def expected_samples(scene: Scene, beam: Footprint, seed: int, key: int) -> tuple[Float, float]:
+    """(expected photoelectrons of the echoes (shot, frequency, phase), those of ambient light and dark in a sample).
+
+    Rays of different τ add as phasors, Z = Σ a_j exp(iωτ_j): a deep footprint loses contrast. The mean power of a shot
+    fluctuates as a whole.
+    """
+    rig = amcw_rig(scene)
+    power = np.ones(rig.shots)
+    for block, part in blocks(rig.shots):
+        if rig.laser.power_fluctuation:
+            draw = generator(seed, key, Stage.ENERGY, block).standard_normal(part.stop - part.start)
+            power[part] = np.maximum(1 + rig.laser.power_fluctuation * draw, 0.0)
+    modulation = rig.modulation
+    amplitude = beam.amplitude * (power * rig.laser.power_w * modulation.integration_s)[:, None]
+    depth = 0.5 * rig.laser.modulation_depth * rig.detector.demodulation_contrast
+    phase = phase_steps(modulation.phase_steps)
+    total = amplitude.sum(axis=1)
+    out = np.empty((rig.shots, len(modulation.frequencies_hz), modulation.phase_steps))
+    for number, frequency in enumerate(modulation.frequencies_hz):
+        phasor = (amplitude * np.exp(2j * np.pi * frequency * (beam.tau - rig.t0_s))).sum(axis=1)
+        wave = (phasor[:, None] * np.exp(-1j * phase)[None, :]).real
+        out[:, number] = 0.5 * (total[:, None] + depth * wave)
+    background = (0.5 * rig.ambient_e_per_s + rig.detector.dark_e_per_s) * modulation.integration_s
+    return out, background
+
+
+def amcw_detector(spec: AmcwDetector) -> Detector:
+    """The demodulating detector as a one-pixel sensor of the gated detector chain."""
+    return Detector(
+        dark_current_e_per_s=0.0,
+        exposure_s=1.0,
+        read_noise_e=spec.read_noise_e,
+        prnu=0.0,
+        dsnu_e=0.0,
+        gain_dn_per_e=spec.gain_dn_per_e,
+        offset_dn=spec.offset_dn,
+        full_well_e=spec.full_well_e,
+        adc_bits=spec.adc_bits,
+        fixed_pattern_seed=0,
+    )

@@ -1,0 +1,273 @@
+"""The `full` rung: the exact direct rung plus a path-traced remainder, so that the rungs nest.
+
+The remainder is gathered once as a histogram over time, from which the slices of any pulse, gate and delay follow. A bin
+keeps three moments of its light (sum, mean time, spread), so it is rendered by the same two-point rule as the returns of
+the direct rung: bins of a quarter of R's σ then err by less than 1e-5, where plain bins would add δt²/12 of variance.
+
+Two independent halves of the samples tell the error of the stack; sampling goes on until that meets what was asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..optics.constants import C_M_PER_S
+from ..optics.correlation import Table
+from ..optics.gate_maps import gate_offset_map
+from ..scenes.errors import InputError
+from ..scenes.scene import Scene, gated_rig
+from .direct import gate_tables
+from .path_loop import COMPONENTS, Lanes, Moments, Window, trace_lanes
+from .path_world import PathWorld
+from .random import BLOCK_ROWS, Stage
+from .returns import Returns, render_stack
+
+__all__ = ["Limits", "add_remainder", "Remainder", "Slices", "path_window", "render_remainder", "returns_of_moments"]
+
+Float = NDArray[np.float64]
+
+#: Width of a bin in σ of R.
+_BIN_SIGMAS = 0.25
+#: Lanes that keep two cores busy: small images get several lanes a pixel.
+_LANES = 8192
+_FIRST_SAMPLES = 8
+
+
+@dataclass(frozen=True)
+class Slices:
+    """What each slice sees: optical delay [s], scale (pulse energy; 0 with the laser off), index of the gate; and
+    the gate's extra delay in each pixel (rows·cols) [s], or None."""
+
+    delay_s: Float
+    scale: Float
+    gate: NDArray[np.int32]
+    offset_s: Float | None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """`most_samples` per pixel; `memory_bytes` of the histograms held at once (an image is cut into tiles of rows)."""
+
+    most_samples: int = 1 << 14
+    memory_bytes: int = 1 << 28
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """The path-traced light. `light` (slices, rows, cols) photoelectrons; `amplitude` and its standard error `sigma`
+    (rows, cols): photoelectrons at an open gate of the light inside the window of times; `epsilon`: standard error of the
+    stack relative to the whole stack, sqrt(Σ variance / Σ (direct + remainder)²); `samples` per pixel."""
+
+    light: NDArray[np.float32]
+    amplitude: Float
+    sigma: Float
+    epsilon: float
+    samples: int
+    reached: bool
+
+
+def path_window(scene: Scene, tables: list[Table], slices: Slices, per_metre_s: float) -> Window:
+    """Optical paths that any slice can see, in bins of a quarter of the narrowest R's σ."""
+    sigma = min(_table_sigma(table) for table in tables)
+    lit = slices.scale > 0
+    delay = slices.delay_s[lit] if lit.any() else slices.delay_s
+    gate = slices.gate[lit] if lit.any() else slices.gate
+    low = np.array([t.start_s for t in tables])
+    high = low + np.array([t.step_s * (len(t.value) - 1) for t in tables])
+    offset = np.zeros(1) if slices.offset_s is None else slices.offset_s
+    first = max(float((delay + low[gate]).min() + offset.min()), 0.0)
+    last = float((delay + high[gate]).max() + offset.max())
+    width = _BIN_SIGMAS * sigma
+    bins = max(int(np.ceil((last - first) / width)), 1)
+    return Window(first / per_metre_s, width / per_metre_s, bins)
+
+
+def _table_sigma(table: Table) -> float:
+    u = table.start_s + table.step_s * np.arange(len(table.value))
+    total = table.value.sum()
+    mean = float(u @ table.value / total)
+    return float(np.sqrt((u - mean) ** 2 @ table.value / total))
+
+
+def returns_of_moments(bins: NDArray[np.float32], window: Window, electrons: float, per_metre_s: float) -> Returns:
+    """Returns of pixels from the moments (3, pixels, bins) of their bins; every bin with light becomes one."""
+    pixel, which = np.nonzero(bins[0] > 0)
+    light, first, second = (b[pixel, which].astype(np.float64) for b in bins)
+    mean = np.clip(first / light, -0.5, 0.5)
+    spread = np.sqrt(np.clip(second / light - mean**2, 0.0, 0.25))
+    start = np.zeros(bins.shape[1] + 1, dtype=np.int64)
+    np.cumsum(np.bincount(pixel, minlength=bins.shape[1]), out=start[1:])
+    tau = (window.start_m + (which + 0.5 + mean) * window.width_m) * per_metre_s
+    return Returns(start, light * electrons, tau, spread * window.width_m * per_metre_s)
+
+
+def render_remainder(
+    scene: Scene,
+    direct: NDArray[np.float32],
+    slices: Slices,
+    rtol: float,
+    seed: int,
+    capture_key: int,
+    *,
+    component: str = "all",
+    limits: Limits = Limits(),
+    world: PathWorld | None = None,
+) -> Remainder:
+    """Path-trace what the direct rung leaves out, until the standard error of the stack is below `rtol` of the stack.
+
+    Main arguments:
+        direct: photoelectrons (slices, rows, cols) of the direct rung: the error is relative to the whole.
+        slices: delays, scales and gates; rtol: relative standard error aimed at.
+        seed, capture_key: name the random numbers.
+    Other arguments:
+        component: "interreflection", "single", "multiple" (light with scattering, other than single) or "all".
+        limits: samples and memory; where the samples do not suffice, `reached` is False and `epsilon` tells.
+        world: reuse an earlier one (same scene).
+
+    Raises:
+        InputError: as `PathWorld.of`, or an unknown component.
+    """
+    if component not in COMPONENTS:
+        raise InputError("There is no such light.", where="component", value=component, allowed=", ".join(COMPONENTS))
+    world = world or PathWorld.of(scene)
+    run = _Run(scene, world, slices, seed, capture_key, component, limits)
+    wanted = _FIRST_SAMPLES
+    while True:
+        run.add(wanted)
+        whole = run.square(direct)
+        epsilon = float(np.sqrt(run.variance() / whole)) if whole > 0 else 0.0
+        if epsilon <= rtol or run.samples >= limits.most_samples:
+            break
+        needed = run.samples * min(max(1.1 * (epsilon / rtol) ** 2, 1.5), 16.0)
+        wanted = int(np.ceil((min(needed, limits.most_samples) - run.samples) / run.lanes_per_pixel))
+        wanted = max(wanted, 1)
+    light, amplitude, sigma = run.result()
+    return Remainder(light, amplitude, sigma, epsilon, run.samples, epsilon <= rtol)
+
+
+def add_remainder(
+    scene: Scene, light: NDArray[np.float32], ambient: Float, gate: NDArray[np.int32], delay_s: Float, scale: Float,
+    rtol: float, seed: int, capture_key: int,
+) -> tuple[NDArray[np.float32], dict[str, Any]]:  # fmt: skip
+    """Add the remainder to `light` (slices, rows, cols), which holds the direct rung and the `ambient` light (slices).
+
+    Returns the background (slices, rows, cols), to which the remainder belongs because its times tell of other ranges
+    than the pixel's own, and what the capture records of it: samples, standard errors, whether rtol was reached.
+    """
+    rig = gated_rig(scene)
+    offset = None
+    if rig.gate_map is not None:
+        offset = gate_offset_map(rig.camera.rows, rig.camera.cols, rig.gate_map.iris_s, rig.gate_map.skew_s).ravel()
+    level = ambient.astype(np.float32)[:, None, None]
+    slices = Slices(delay_s, scale, gate, offset)
+    found = render_remainder(scene, light - level, slices, rtol, seed, capture_key)
+    light += found.light
+    told = {
+        "samples_per_pixel": found.samples,
+        "standard_error": found.epsilon,
+        "reached": found.reached,
+        "remainder_electrons": float(found.amplitude.mean()),
+        "remainder_standard_error_electrons": {
+            "median": float(np.median(found.sigma)), "largest": float(found.sigma.max()),
+        },
+    }  # fmt: skip
+    return level + found.light, told
+
+
+class _Run:
+    """Sums over rounds, tiles and lanes."""
+
+    def __init__(
+        self, scene: Scene, world: PathWorld, slices: Slices, seed: int, key: int, component: str, limits: Limits
+    ) -> None:
+        self.world, self.slices, self.component = world, slices, component
+        self.seed, self.key, self.limits = seed, key, limits
+        self.tables = gate_tables(scene)
+        self.per_metre_s = world.group_index / C_M_PER_S
+        self.window = path_window(scene, self.tables, slices, self.per_metre_s)
+        rows, cols = world.rows, world.cols
+        self.replicas = int(np.clip(_LANES // (2 * rows * cols), 1, 64))
+        self.lanes_per_pixel = 2 * self.replicas
+        self.half = np.zeros((2, len(slices.delay_s), rows * cols), dtype=np.float32)
+        self.total, self.squares = np.zeros((2, rows * cols))
+        self.samples = 0
+        self.round = 0
+
+    def add(self, samples: int) -> None:
+        """One round: `samples` in every lane of every pixel."""
+        cols = self.world.cols
+        row_bytes = self.lanes_per_pixel * cols * self.window.bins * 3 * 4 * 2
+        tall = max(int(self.limits.memory_bytes // max(row_bytes, 1)) // BLOCK_ROWS, 1) * BLOCK_ROWS
+        for top in range(0, self.world.rows, tall):
+            rows = range(top, min(top + tall, self.world.rows))
+            moments = trace_lanes(self.world, self._lanes(rows), samples, self.window, self.component)
+            self._gather(moments, slice(top * cols, rows.stop * cols))
+        self.samples += samples * self.lanes_per_pixel
+        self.round += 1
+
+    def _lanes(self, rows: range) -> Lanes:
+        """Lanes (half, replica, pixel) of some rows; their seeds depend on block, round and place in the block alone."""
+        import drjit as dr
+
+        from .backend import mitsuba
+
+        mi = mitsuba()
+        cols, per = self.world.cols, self.lanes_per_pixel
+        state: list[NDArray[np.uint64]] = []
+        stream: list[NDArray[np.uint64]] = []
+        for top in range(rows.start, rows.stop, BLOCK_ROWS):
+            tall = min(top + BLOCK_ROWS, rows.stop) - top
+            key = (self.key, int(Stage.PATHS), top // BLOCK_ROWS, self.round, COMPONENTS.index(self.component))
+            words = np.random.SeedSequence(self.seed, spawn_key=key).generate_state(2)
+            index = np.arange(per, dtype=np.uint32)[:, None] + per * np.arange(tall * cols, dtype=np.uint32)
+            lane = mi.UInt32(index.ravel())
+            for word, store in zip(words, (state, stream), strict=True):
+                hashed: Any = mi.sample_tea_64(lane, dr.opaque(mi.UInt32, int(word)))
+                store.append(np.asarray(hashed.numpy()).reshape(per, tall * cols))
+        row = np.tile(np.repeat(np.arange(rows.start, rows.stop, dtype=np.uint32), cols), per)
+        col = np.tile(np.arange(cols, dtype=np.uint32), per * len(rows))
+        return Lanes(row, col, *(np.concatenate(s, axis=1).ravel() for s in (state, stream)))
+
+    def _gather(self, moments: Moments, pixels: slice) -> None:
+        count = pixels.stop - pixels.start
+        bins = moments.bins.reshape(3, 2, self.replicas, count, -1).sum(axis=2)
+        offset = None if self.slices.offset_s is None else self.slices.offset_s[pixels]
+        for half in range(2):
+            returns = returns_of_moments(bins[:, half], self.window, self.world.electrons, self.per_metre_s)
+            if not len(returns.tau):
+                continue
+            for number, table in enumerate(self.tables):
+                mine = np.flatnonzero(self.slices.gate == number)
+                part = np.empty((len(mine), count), dtype=np.float32)
+                render_stack(returns, table, self.slices.delay_s[mine], self.slices.scale[mine], offset, part)
+                self.half[half, mine, pixels] += part
+        shape = (self.lanes_per_pixel, count)
+        self.total[pixels] += moments.total.reshape(shape).sum(axis=0, dtype=np.float64)
+        self.squares[pixels] += moments.square.reshape(shape).sum(axis=0, dtype=np.float64)
+
+    def variance(self) -> float:
+        """Σ over samples of the stack of the variance of the mean of both halves: E(A − B)²/4."""
+        difference = self.half[0] - self.half[1]
+        return float(np.sum(np.square(difference, dtype=np.float64))) / (self.samples / 2) ** 2 / 4.0
+
+    def square(self, direct: NDArray[np.float32]) -> float:
+        """Σ (direct + remainder)²."""
+        whole = direct.reshape(self.half.shape[1:]) + (self.half[0] + self.half[1]) / np.float32(self.samples)
+        return float(np.sum(np.square(whole, dtype=np.float64)))
+
+    def result(self) -> tuple[NDArray[np.float32], Float, Float]:
+        """Light, amplitude, and its standard error."""
+        shape = (self.world.rows, self.world.cols)
+        light = (self.half[0] + self.half[1]) / np.float32(self.samples)
+        mean = self.total / self.samples
+        variance = np.maximum(self.squares / self.samples - mean**2, 0.0) / self.samples
+        electrons = self.world.electrons
+        return (
+            np.maximum(light, 0.0).reshape(-1, *shape),
+            (mean * electrons).reshape(shape),
+            (np.sqrt(variance) * electrons).reshape(shape),
+        )

@@ -1,0 +1,81 @@
+"""The amplitude-modulated rig (Kusters 1992, Figure 2.3): a modulated laser, one detector, samples of the correlation
+with the reference at several phases and frequencies. No physical value has a default.
+
+Laser and receiver are coaxial, at the camera frame's origin, and look along z; a scan turns both.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .base import Fraction, NonNegative, Positive, Spec
+from .rig import Illumination
+from .rig_waveform import Receiver
+
+__all__ = ["AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation"]
+
+
+class ModulatedLaser(Spec):
+    """A laser of mean `power_w` whose power goes as 1 + m cos(2πft), m = `modulation_depth`; no harmonics.
+
+    `power_fluctuation`: relative rms of the mean power, drawn per shot.
+    """
+
+    wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
+    power_w: Positive
+    modulation_depth: Annotated[float, Field(gt=0, le=1)]
+    illumination: Illumination
+    power_fluctuation: Fraction
+
+
+class AmcwDetector(Spec):
+    """A demodulating detector: its transmission goes as ½(1 + d cos(2πft − φ)), d = `demodulation_contrast`; then
+    Gaussian `read_noise_e` per sample, gain, offset, rounding, clipped at `full_well_e` and 2^bits − 1."""
+
+    active_diameter_m: Positive
+    quantum_efficiency: Fraction
+    demodulation_contrast: Annotated[float, Field(gt=0, le=1)]
+    dark_e_per_s: NonNegative
+    read_noise_e: NonNegative
+    gain_dn_per_e: Positive
+    offset_dn: NonNegative
+    full_well_e: Positive
+    adc_bits: Annotated[int, Field(ge=1, le=16)]
+
+
+class Modulation(Spec):
+    """Modulation frequencies, each sampled at `phase_steps` reference phases 2πk/steps for `integration_s` a sample."""
+
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=64)]
+    phase_steps: Annotated[int, Field(ge=3, le=64)]
+    integration_s: Positive
+
+    @model_validator(mode="after")
+    def _frequencies_differ(self) -> Modulation:
+        if len(set(self.frequencies_hz)) != len(self.frequencies_hz):
+            raise ValueError("modulation frequencies must differ")
+        return self
+
+
+class AmcwRig(Spec):
+    """An amplitude-modulated ranger. `range_window_m`: where targets may be, as the user of the instrument knows it;
+    ambiguities are resolved within it. `scan_half_angle_rad`: shots at even angles from −a to +a in the x-z plane."""
+
+    kind: Literal["amcw"] = "amcw"
+    laser: ModulatedLaser
+    receiver: Receiver
+    detector: AmcwDetector
+    modulation: Modulation
+    shots: Annotated[int, Field(ge=1, le=65536)]
+    scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
+    range_window_m: tuple[NonNegative, Positive]
+    ambient_e_per_s: NonNegative
+    t0_s: float
+
+    @model_validator(mode="after")
+    def _window_opens(self) -> AmcwRig:
+        if self.range_window_m[1] <= self.range_window_m[0]:
+            raise ValueError("range_window_m needs its end beyond its start")
+        return self

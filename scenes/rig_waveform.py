@@ -1,0 +1,126 @@
+"""The waveform rig: a pulsed laser and one photodetector whose signal is sampled against time. No physical value has a
+default.
+
+Laser and receiver are coaxial (a beam splitter), at the camera frame's origin, and look along z; a scan turns both.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .base import Fraction, NonNegative, Positive, Spec
+from .rig import Illumination
+from .waveforms import Pulse
+
+__all__ = [
+    "AnalogReadout", "Avalanche", "ImpulseResponse", "Photodetector", "PulsedLaser", "Receiver", "Record",
+    "SinglePhotonReadout", "WaveformRig",
+]  # fmt: skip
+
+
+class PulsedLaser(Spec):
+    """A pulsed laser. `jitter_pulse_s` is drawn per pulse (broadens a shot of many pulses), `jitter_shot_s` moves the
+    whole record of a shot; `energy_fluctuation` is the relative rms of a shot's energy."""
+
+    wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
+    pulse_energy_j: Positive
+    pulse: Pulse
+    illumination: Illumination
+    energy_fluctuation: Fraction
+    jitter_pulse_s: NonNegative
+    jitter_shot_s: NonNegative
+
+
+class Receiver(Spec):
+    """The lens before the detector; the detector lies in its focus, so the field's half angle is diameter/(2 focal)."""
+
+    aperture_diameter_m: Positive
+    focal_length_m: Positive
+    transmission: Fraction
+
+
+class ImpulseResponse(Spec):
+    """How the charge of one photoelectron is spread over time, by its 10-90 % rise time.
+
+    "gaussian": σ = rise/2.5631, the mean charge undelayed; "single-pole": exp(−t/τ)/τ with τ = rise/ln 9, which delays
+    the mean charge by τ.
+    """
+
+    shape: Literal["gaussian", "single-pole"]
+    rise_time_s: Positive
+
+
+class Avalanche(Spec):
+    """Internal gain of an avalanche photodiode or photomultiplier, and its excess noise factor F² (≥ 1)."""
+
+    gain: Positive
+    excess_noise_factor: Annotated[float, Field(ge=1)]
+
+
+class AnalogReadout(Spec):
+    """A sampling converter. Each sample is the charge of its interval: Poisson (and avalanche) noise, then Gaussian
+    `read_noise_e` per sample, gain, offset and rounding; clipped at `full_well_e` and 2^bits − 1."""
+
+    kind: Literal["analog"] = "analog"
+    read_noise_e: NonNegative
+    gain_dn_per_e: Positive
+    offset_dn: NonNegative
+    full_well_e: Positive
+    adc_bits: Annotated[int, Field(ge=1, le=16)]
+    avalanche: Avalanche | None = None
+
+
+class SinglePhotonReadout(Spec):
+    """Time-correlated single-photon counting: at most one count per pulse and bin, then blind for `dead_time_s`.
+
+    The histogram of `pulses_per_shot` pulses piles up: early bins hide later ones.
+    """
+
+    kind: Literal["single-photon"] = "single-photon"
+    dead_time_s: NonNegative
+
+
+class Photodetector(Spec):
+    """A photodetector: its disc, quantum efficiency, speed, dark rate and readout."""
+
+    active_diameter_m: Positive
+    quantum_efficiency: Fraction
+    response: ImpulseResponse
+    dark_e_per_s: NonNegative
+    readout: Annotated[AnalogReadout | SinglePhotonReadout, Field(discriminator="kind")]
+
+
+class Record(Spec):
+    """What is recorded: sample k covers start + k·step ± step/2 after the pulse's centroid leaves; `shots` records.
+
+    `scan_half_angle_rad`: shots look along evenly spaced angles from −a to +a in the x-z plane; 0 stares along z.
+    """
+
+    start_s: float
+    step_s: Positive
+    samples: Annotated[int, Field(ge=4, le=65536)]
+    shots: Annotated[int, Field(ge=1, le=65536)]
+    scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
+
+
+class WaveformRig(Spec):
+    """A pulsed ranger: laser, lens, photodetector, recorder. `counter_hz`: oscillator of the counter that times the
+    pulse instead of sampling it (Kusters 1992, Figure 2.2), None where there is none."""
+
+    kind: Literal["waveform"] = "waveform"
+    laser: PulsedLaser
+    receiver: Receiver
+    detector: Photodetector
+    record: Record
+    pulses_per_shot: Annotated[int, Field(ge=1, le=65535)]
+    ambient_e_per_s: NonNegative
+    counter_hz: Positive | None = None
+    t0_s: float
+
+    @model_validator(mode="after")
+    def _window_is_bounded(self) -> WaveformRig:
+        if self.record.samples * self.record.shots > 1 << 28:
+            raise ValueError("samples × shots must not exceed 2^28")
+        return self

@@ -1,0 +1,263 @@
+"""Failure maps and breakdown: planted failures are recovered within their intervals; modes, tables and one real sweep."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beambench.benchmarks.bench import Answer, trials_of
+from beambench.benchmarks.breakdown import BREAKDOWN_COLUMNS, breakdown_row, change_in_bounds, map_rows
+from beambench.benchmarks.failure_map import EdgeMap, Point, is_log, isotonic, refine_axis, refine_grid
+from beambench.benchmarks.failure_rate import Trial, dispersion, failure_rate, mode_of, rate_bounds
+from beambench.benchmarks.report_breakdown import breakdown_table, page_section, read_breakdown
+from beambench.benchmarks.runner import Job, Outcome
+from beambench.benchmarks.score import Bound, Truth
+from beambench.scenes.errors import InputError
+
+N = 576
+
+
+def _planted(
+    rate: Callable[[float], float], rng: np.random.Generator, *, seeds: int = 4, spread: float = math.inf
+) -> Callable[[Sequence[Point]], dict[Point, list[Trial]]]:
+    """An estimator whose elements fail at a known rate of the level; `spread`: of a beta distribution over captures."""
+
+    def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
+        found: dict[Point, list[Trial]] = {}
+        for point in points:
+            p = rate(point[0])
+            trials = []
+            for seed in range(seeds):
+                mine = float(rng.beta(p * spread, (1 - p) * spread)) if math.isfinite(spread) and 0 < p < 1 else p
+                trials.append(Trial("wall", seed, N, outlier=int(rng.binomial(N, mine))))
+            found[point] = trials
+        return found
+
+    return evaluate
+
+
+@pytest.mark.parametrize("kind", ["step", "logistic", "uneven"])
+def test_planted_breakdown_points_are_recovered(kind: str) -> None:
+    """≥ 95 % of 200, for a rate that jumps, one that rises, and one whose captures differ more than binomially.
+
+    The intervals are Bonferroni's, so they hold more often than 95 %; 200 draws of an event of probability .95 are 190
+    or more with probability .58 only, which is why the method must be on the safe side.
+    """
+    rng = np.random.default_rng(20260101)
+    held = {0.1: 0, 0.5: 0}
+    widths = []
+    for number in range(200):
+        rising = number % 2 == 0
+        levels = [1.0, 5.6, 31.6, 178.0, 1000.0] if rising else [1.0, 0.178, 0.0316, 0.0056, 0.001]
+        sign = 1 if rising else -1
+        level50 = 10 ** (sign * rng.uniform(0.7, 2.4))
+        level10 = level50 if kind == "step" else level50 / 10 ** (sign * rng.uniform(0.05, 0.4))
+
+        def rate(level: float, a: float = level10, b: float = level50, sign: int = sign) -> float:
+            if kind == "step":
+                return float(sign * (math.log(level) - math.log(a)) >= 0)
+            slope = math.log(9) / (math.log(b) - math.log(a))
+            return 1 / (1 + math.exp(-slope * (math.log(level) - math.log(b))))
+
+        found = refine_axis(_planted(rate, rng, spread=60.0 if kind == "uneven" else math.inf), levels)
+        assert len(found.trials) <= found.budget
+        for edge, truth in zip(found.edges, (level10, level50), strict=True):
+            low, high = min(edge.interval), max(edge.interval)
+            held[edge.target] += low <= truth <= high
+            assert low <= edge.level <= high
+            widths.append(math.log10(high / low))
+    assert min(held.values()) >= 190, held
+    # Of three decades: the interval is about a hundredth where nothing is random, a tenth where captures differ.
+    assert np.median(widths) < {"step": 0.04, "logistic": 0.12, "uneven": 0.3}[kind]
+
+
+def test_an_axis_that_never_breaks_or_always_does() -> None:
+    rng = np.random.default_rng(1)
+    never = refine_axis(_planted(lambda level: 0.001, rng), [1.0, 10.0, 100.0])
+    assert math.isnan(never.edges[0].level) and never.edges[0].start == 100.0 and math.isnan(never.edges[0].end)
+    always = refine_axis(_planted(lambda level: 0.9, rng), [1.0, 10.0, 100.0])
+    assert math.isnan(always.edges[0].level) and math.isnan(always.edges[0].start) and always.edges[0].end == 1.0
+
+
+def test_the_first_edge_counts_where_failure_comes_and_goes() -> None:
+    """Beyond a dip of the rate lies no second chance: nothing is averaged over the edge."""
+    rng = np.random.default_rng(2)
+    found = refine_axis(_planted(lambda x: 0.9 if 2.0 < x < 4.0 else 0.0, rng), [0.0, 1.0, 3.0, 5.0, 6.0])
+    for edge in found.edges:
+        assert edge.start <= 2.0 <= edge.end and edge.end - edge.start < 0.1
+
+
+def test_whole_captures_that_fail_at_random_leave_a_wide_interval() -> None:
+    """Four captures cannot tell a rate of 10 %: the interval stays open or wide, though 2,304 elements were seen."""
+    rng = np.random.default_rng(3)
+
+    def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
+        return {p: [Trial("a", s, N, crash=N * int(rng.random() < p[0])) for s in range(4)] for p in points}
+
+    edge = refine_axis(evaluate, [0.0, 0.25, 0.5, 0.75, 1.0]).edges[1]
+    assert math.isnan(edge.start) or math.isnan(edge.end) or edge.end - edge.start > 0.3
+
+
+def test_the_rate_bounds_cover() -> None:
+    """Lower and upper bound at 2.5 % each: 2,000 draws miss on a side at most 4 standard errors over that."""
+    rng = np.random.default_rng(4)
+    for p in (0.02, 0.1, 0.5):
+        missed = [0, 0]
+        for _ in range(2000):
+            trials = [Trial("a", seed, 200, outlier=int(rng.binomial(200, p))) for seed in range(3)]
+            low, high = rate_bounds(trials, dispersion([]), 0.025)
+            missed[0] += low > p
+            missed[1] += high < p
+        assert max(missed) / 2000 < 0.025 + 4 * math.sqrt(0.025 * 0.975 / 2000), (p, missed)
+
+
+def test_overdispersion() -> None:
+    rng = np.random.default_rng(5)
+    one_by_one = [[Trial("a", s, N, outlier=int(rng.binomial(N, 0.3))) for s in range(8)] for _ in range(20)]
+    whole = [[Trial("a", s, N, crash=N * int(rng.random() < 0.5)) for s in range(8)] for _ in range(20)]
+    # χ²/df with 140 degrees of freedom: 1 ± 0.12.
+    assert dispersion(one_by_one).phi < 1.5
+    assert 0.7 * N < dispersion(whole).phi < 1.4 * N
+    assert dispersion([[Trial("a", 0, N)]]) == dispersion([])
+
+
+def test_isotonic_regression() -> None:
+    assert isotonic([0.0, 0.2, 0.1, 0.5], [1, 1, 1, 1]) == pytest.approx([0.0, 0.15, 0.15, 0.5])
+    assert isotonic([3.0, 2.0, 1.0], [1, 1, 2]) == pytest.approx([1.75] * 3)
+    assert is_log([1.0, 10.0]) and not is_log([0.0, 10.0]) and not is_log([1.0, 2.0])
+
+
+def test_a_grid_is_refined_at_its_edge_only() -> None:
+    def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
+        return {p: [Trial("a", 0, 100, outlier=100 * int(p[0] + p[1] > 1.0))] for p in points}
+
+    levels = [0.0, 0.5, 1.0, 1.5, 2.0]
+    coarse = refine_grid(evaluate, levels, levels, depth=0)
+    fine = refine_grid(evaluate, levels, levels, depth=3)
+    assert len(coarse.trials) == 25
+    # Halving everything three times would take 33² points; the diagonal edge crosses few cells.
+    assert 25 < len(fine.trials) < 33 * 33 / 4
+    area = sum((b - a) * (d - c) for a, b, c, d in fine.cells)
+    assert area == pytest.approx(4.0)
+    rates = {p: failure_rate(t) for p, t in fine.trials.items()}
+    mixed = [c for c in fine.cells if len({rates[x, y] for x in c[:2] for y in c[2:]}) > 1]
+    assert mixed and all(b - a == pytest.approx(0.0625, rel=0.25) for a, b, _, _ in mixed)
+
+
+@pytest.mark.parametrize("levels", [[1.0], [1.0, 3.0, 2.0], [1.0, 1.0]])
+def test_levels_run_one_way(levels: list[float]) -> None:
+    with pytest.raises(InputError, match="run one way"):
+        refine_axis(lambda points: {}, levels)
+
+
+def _answer(error: list[float], valid: list[bool] | None = None, status: str = "ok") -> Answer:
+    values = np.array(error)
+    mask = np.ones(values.size, bool) if valid is None else np.array(valid)
+    return Answer(status, [], np.where(mask, values, np.nan), mask, np.ones(values.size))
+
+
+def test_modes_of_failure() -> None:
+    # Element 0 is biased in every seed, 1 is far off once, 2 gives no answer, 3 is right; the third capture crashed.
+    answers = [
+        _answer([3.0, 5.0, 0.0, 0.1], [True, True, False, True]),
+        _answer([2.0, 0.2, 0.0, 0.1], [True, True, False, True]),
+        _answer([0.0] * 4, [False] * 4, "crash:SIGSEGV"),
+    ]
+    trials = trials_of("wall", [1, 2, 3], answers)
+    assert trials == [
+        Trial("wall", 1, 4, bias=1, outlier=1, refusal=1),
+        Trial("wall", 2, 4, bias=1, refusal=1),
+        Trial("wall", 3, 4, crash=4),
+    ]
+    assert mode_of(trials) == "crash" and mode_of(trials[:2]) == "refusal" and mode_of([]) == "none"
+    # With one seed a displaced capture is biased, a scattered one holds outliers.
+    assert trials_of("a", [1], [_answer([2.0, 2.1, 1.9])]) == [Trial("a", 1, 3, bias=3)]
+    assert trials_of("a", [1], [_answer([0.0, 0.1, 9.0])]) == [Trial("a", 1, 3, outlier=1)]
+
+
+def test_a_refusing_estimator_has_mode_refusal() -> None:
+    def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
+        return {p: [Trial("a", s, 100, refusal=100 * int(p[0] < 0.1), outlier=2) for s in (1, 2)] for p in points}
+
+    levels = [1.0, 0.1, 0.01]
+    found = refine_axis(evaluate, levels)
+    key = {"modality": "gated", "suite": "s", "estimator": "shy", "axis": "photons", "unit": "1"}
+    row = breakdown_row(key, levels, found, float32_vs_64=0.0, gain_1dn=math.nan)
+    assert tuple(row) == BREAKDOWN_COLUMNS and row["mode"] == "refusal"
+    assert row["lo"] < 0.1 <= row["hi"] and row["lo50"] < 0.1 <= row["hi50"]
+    assert breakdown_table([row])[0][5:] == ["refusal", "0", "–"]
+    grid = map_rows({**key, "axis2": "none", "unit2": ""}, found)
+    assert sum(r["refusal"] for r in grid) == 200 * sum(r["level"] < 0.1 for r in grid)
+
+
+def test_an_unbroken_estimator_has_mode_none() -> None:
+    found = EdgeMap({(x,): [Trial("a", 1, 1000)] for x in (1.0, 10.0)})
+    done = refine_axis(lambda points: {p: found.trials[p] for p in points}, [1.0, 10.0])
+    row = breakdown_row(
+        {"modality": "gated", "suite": "s", "estimator": "e", "axis": "a", "unit": "1"}, [1.0, 10.0], done,
+        float32_vs_64=0.0, gain_1dn=0.0,
+    )  # fmt: skip
+    assert row["mode"] == "none" and row["lo"] == 10.0 and math.isnan(row["level10"])
+    assert breakdown_table([row])[0][3] == "over 10"
+
+
+def test_change_is_in_units_of_the_bound() -> None:
+    truth = Truth(np.full((2, 2), 5.0), np.zeros((2, 2), bool), np.full((2, 2), 5.0), np.full((2, 2), 5.0))
+    bound = Bound(np.full((2, 2), 1e-3), "exact", 0.1, 1.0)
+    job = Job(0, Path(), "matched", "gated", (2, 2))
+
+    def outcome(offset: float, valid: bool = True, status: str = "ok") -> Outcome:
+        mask = np.ones((2, 2), bool)
+        mask[0, 0] = valid
+        return Outcome(job, status, {"range": np.full((2, 2), 5.0 + offset), "valid": mask, "sigma": np.ones((2, 2))})
+
+    assert change_in_bounds(outcome(0), outcome(0), truth, bound) == 0.0
+    assert change_in_bounds(outcome(0), outcome(2e-3), truth, bound) == pytest.approx(2.0)
+    # One of four elements that is lost counts with the prior's error, 1/√12 m.
+    lost = change_in_bounds(outcome(0), outcome(0, valid=False), truth, bound)
+    assert lost == pytest.approx(math.sqrt(1 / 12 / 4) / 1e-3)
+    assert math.isnan(change_in_bounds(outcome(0), outcome(0, status="crash: x"), truth, bound))
+
+
+def test_a_sweep_end_to_end(tmp_path: Path) -> None:
+    """Two estimators on small captures: tables, pictures and page; levels are those of `run`, so captures agree."""
+    from beambench import sweep
+
+    small = {"scene": "flat-wall", "overrides": {"rig.camera.rows": 12, "rig.camera.cols": 12}}
+    suite = {
+        "suite": "mine",
+        "scenes": [small],
+        "estimators": ["weighted-average[background=outside]", "poisson-ml"],
+        "stresses": [
+            {"axis": "photons", "values": [1.0, 0.1, 0.01]},
+            {"axis": "photons", "values": [1.0, 0.01], "axis2": "background", "values2": [1e6, 1e10]},
+        ],
+        "seeds": {"test": [1, 2]},
+    }
+    result = sweep(suite, out=tmp_path / "out", budget=8, depth=1)
+    rows = read_breakdown(result.out)
+    assert [row["estimator"] for row in rows] == ["weighted-average[background=outside]", "poisson-ml"]
+    for row in rows:
+        # The full signal is ample and a hundredth of it is below one photoelectron a slice.
+        assert 0.01 <= row["lo"] <= row["level10"] <= row["hi"] <= 1.0 and row["mode"] in ("refusal", "outlier")
+        assert row["float32_vs_64"] < 1e-3
+    with open(result.out / "failure_map.csv", newline="", encoding="utf-8") as file:
+        grid = list(csv.DictReader(file))
+    assert {row["axis2"] for row in grid} == {"none", "background"}
+    assert len({(r["level"], r["level2"]) for r in grid if r["axis2"] != "none"}) > 4
+    assert {path.name for path in (result.out / "maps").iterdir()} == {
+        "photons.svg", "photons.png", "photons--background.svg", "photons--background.png",
+    }  # fmt: skip
+    assert json.loads((result.out / "run.json").read_text())["suite"] == "mine"
+    page = (result.out / "report.html").read_text(encoding="utf-8")
+    assert 'id="breakdown"' in page and page_section(result.out) is not None
+    with pytest.raises(InputError, match="not empty"):
+        sweep(suite, out=tmp_path / "out")
+    with pytest.raises(InputError, match="no stress"):
+        sweep({**suite, "stresses": []}, out=tmp_path / "other")

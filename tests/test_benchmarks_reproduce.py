@@ -1,0 +1,319 @@
+"""`beambench reproduce`: the rules of the verdicts, the models behind them, the table and its files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beambench
+from beambench import cli
+from beambench.benchmarks.reproduce import (
+    accuracy,
+    deviation,
+    objects,
+    photodetector,
+    ranger,
+    reflection,
+    stacks,
+    table_1,
+)
+from beambench.benchmarks.reproduce.ladar import ladar_rows
+from beambench.benchmarks.reproduce.rows import COLUMNS, VERDICTS, Row, judge_band, judge_exact, judge_trend
+from beambench.benchmarks.reproduce.run import ITEMS, all_rows, to_csv
+from beambench.benchmarks.reproduce.surfaces import figure_2_rows, peak_angle
+from beambench.optics.brdf_albedo import hemispherical_albedo
+from beambench.optics.brdf_chua import chua, chua_printed
+from beambench.optics.constants import C_M_PER_S
+from beambench.scenes.errors import InputError
+
+NAN = math.nan
+
+
+def row(**changes: Any) -> Row:
+    plain: dict[str, Any] = {"item": "Eq. 1", "quantity": "q", "unit": "1", "published": 1.0, "reproduced": 1.0,
+                             "tolerance": 0.1, "verdict": "arithmetic", "note": ""}  # fmt: skip
+    return Row(**(plain | changes))
+
+
+# --- verdicts -----------------------------------------------------------------------------------------------------
+
+
+def test_exact_verdicts() -> None:
+    assert judge_exact(8.894, 8.8939, 5e-4) == "arithmetic"
+    assert judge_exact(8.894, 5.618, 5e-4) == "contradicted"
+    assert judge_exact(1.0, NAN, 0.1) == "contradicted"
+
+
+def test_a_band_predicts_only_where_it_could_have_failed() -> None:
+    assert judge_band(14.1, 14.2, 15.2, 2.2) == "predicted"
+    assert judge_band(14.1, 7.0, 27.0, 2.2) == "undetermined"
+    assert judge_band(2.3, 9.5, 29.5, 1.9) == "contradicted"
+    assert judge_band(2.3, 0.0, 0.3, 1.9) == "contradicted"
+    assert judge_band(10.0, 12.0, 12.0, 2.0) == "predicted"  # the tolerance's edge belongs to it
+    for low, high in ((2.0, 1.0), (NAN, 1.0), (0.0, math.inf)):
+        with pytest.raises(ValueError, match="finite"):
+            judge_band(1.0, low, high, 0.1)
+
+
+def test_a_trend_needs_every_comparison() -> None:
+    assert judge_trend(True, True) == "trend"
+    assert judge_trend(True, False) == "contradicted"
+    with pytest.raises(ValueError, match="at least one"):
+        judge_trend()
+
+
+def test_rows_are_checked() -> None:
+    with pytest.raises(ValueError, match="verdict"):
+        row(verdict="plausible")
+    with pytest.raises(ValueError, match="free"):
+        row(verdict="fitted")
+    assert row(verdict="fitted", free_parameters="x").document == "000"
+
+
+def test_csv_of_rows() -> None:
+    text = to_csv([row(published=NAN, note='a, "b"', reproduced=1.23456789)])
+    head, line = list(csv.reader(text.splitlines()))
+    assert head == [
+        "document", "item", "quantity", "unit", "published", "reproduced", "tolerance", "verdict", "free_parameters", "note",
+    ]  # fmt: skip
+    assert line == ["000", "Eq. 1", "q", "1", "", "1.23457", "0.1", "arithmetic", "", 'a, "b"']
+    assert text.endswith("\n") and "\r" not in text
+
+
+# --- arithmetic ---------------------------------------------------------------------------------------------------
+
+
+def test_printed_numbers_that_follow_by_arithmetic() -> None:
+    rows = {(r.item, r.quantity): r for r in [*accuracy.accuracy_rows(), *ladar_rows()]}
+    for number, published in ((1, 1.85), (2, 2.22)):
+        found = rows["Eq. 25", f"depth error of Object {number} per set-up"]
+        assert (found.published, found.verdict) == (published, "arithmetic")
+    assert rows["Eq. 22", "SNR at ten times the range over SNR (Eq. 15 with Eq. 22)"].verdict == "arithmetic"
+    wrong = {item for (item, _), r in rows.items() if r.verdict == "contradicted"}
+    assert wrong == {"Eq. 5", "Eq. 16", "Eq. 17"}
+
+
+def test_what_8_894_mm_implies() -> None:
+    assert accuracy.implied(8.894e-3, 3e8) * 256 == pytest.approx(accuracy.SIGMA_TIMES_STEP_S2, rel=3e-5, abs=0)
+    # The exact speed of light would have been printed as 8.888.
+    assert accuracy.implied(8.894e-3, C_M_PER_S) * 256 != pytest.approx(accuracy.SIGMA_TIMES_STEP_S2, rel=1e-3, abs=0)
+    # Two-digit mantissas are 90 in a decade, each met within ± 1.12e-4/ln 10, for up to 6 maxima and 2 speeds of light;
+    # 255 and 256 and so on seldom coincide, so nearly 12 × 90 × 2 × 4.9e-5 = .105, a little less by overlaps.
+    assert 0.06 < accuracy.chance_of_round_numbers() < 0.11
+
+
+# --- models -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slope", [0.2, 0.57, 0.6, 0.9, 2.0])
+def test_where_the_specular_term_is_greatest(slope: float) -> None:
+    """A grid of 1e-4 rad finds the same maximum; next to the normal the term is flat, hence the tolerance there."""
+    theta = np.arange(0.0, 1.57, 1e-4)
+    value = chua_printed(np.cos(theta), k_s=1.0, k_d=0.0, slope=slope, diffusivity=1.0)
+    assert theta[np.argmax(value)] == pytest.approx(peak_angle(slope), abs=1e-4)
+    assert {r.verdict for r in figure_2_rows()} == {"trend", "undetermined"}
+
+
+@pytest.mark.parametrize("slope", [0.15, 0.3, 0.5])
+def test_surfaces_of_one_reflectivity_reflect_alike_however_rough(slope: float) -> None:
+    """Half vectors beyond 45° lie below the horizon, so a lobe holds share·ρ·(1 − exp(−1/s²)) at normal incidence."""
+    made = photodetector.surface("", 0.6, slope, glossy_share=0.5)
+    law = {"slope": slope, "diffusivity": 1.0, "convention": "reciprocal"}
+    lobe = hemispherical_albedo(lambda a: chua(a, k_s=made.k_s, k_d=0.0, **law), 0.0)  # type: ignore[arg-type]
+    assert float(lobe) == pytest.approx(0.3 * (1.0 - math.exp(-1.0 / slope**2)), rel=2e-3)
+    assert made.response(0.0) == pytest.approx(made.k_s + made.k_d)
+
+
+def test_the_photodetectors_scatter_is_the_closed_form() -> None:
+    """4,000 measurements: standard error of a standard deviation 1.1 %, tolerance 4 of them."""
+    setup = photodetector.Setup()
+    target = photodetector.surface("", 0.5, 0.5)
+    for key, angle in ((0, 0.0), (1, 0.9)):
+        signal = photodetector.mean_signal(setup, target, angle)
+        errors = photodetector.measure(setup, signal, np.random.default_rng(key), count=4000)
+        stated = photodetector.closed_form_std(setup, signal)
+        assert np.std(errors) == pytest.approx(stated, rel=0.045)
+        assert abs(errors.mean()) < 4.0 * stated / math.sqrt(4000)
+
+
+def test_the_photodetector_sees_the_light_of_eq3() -> None:
+    setup = photodetector.Setup()
+    signal = photodetector.mean_signal(setup, photodetector.Surface("", 0.0, 0.5 / math.pi, 0.3), 0.0)
+    photons = setup.energy_j * setup.wavelength_m / (6.62607015e-34 * C_M_PER_S)
+    share = 0.25 * math.pi * setup.diameter_m**2 / photodetector.RANGE_M**2 * 0.5 / math.pi
+    assert signal.sum() == pytest.approx(setup.quantum_efficiency * photons * share, rel=1e-6)
+
+
+def test_a_baseline_pulls_the_average_to_the_middle_of_the_record() -> None:
+    """(t̄ − τ)·KB/(S + KB) without noise."""
+    setup = photodetector.Setup(noise_v=1e-12)
+    early = 4e-9
+    signal = photodetector.mean_signal(setup, photodetector.surface("", 0.5, 0.5), 0.0, -early)
+    level = 500.0
+    share = signal.size * level / (signal.sum() + signal.size * level)
+    found = photodetector.measure(setup, 1e6 * signal, np.random.default_rng(0), windowed=False, baseline_e=1e6 * level)
+    expected = 0.5 * C_M_PER_S * early * (share - 1.0)
+    assert found.mean() == pytest.approx(expected, rel=1e-3)  # photon noise of 1e12 electrons: 1e-6
+
+
+def test_generated_waveforms_agree_with_their_own_sigma() -> None:
+    """Mean |error| over mean σ is √(2/π) for an honest σ: standard error 14 % with 30 shots, tolerance 3 of them."""
+    from beambench.estimators import run_estimator
+    from beambench.generator.generate import generate
+    from beambench.scenes.load import load_scene
+
+    capture = generate(load_scene("photodetector-5m"), seed=3)
+    found = run_estimator("waveform-average", capture)
+    error = np.abs(found["range"] - capture["truth_range"]).values
+    assert error.mean() / found["sigma"].values.mean() == pytest.approx(math.sqrt(2 / math.pi), rel=0.42)
+    # A third of the light, all else equal: electronics' noise makes the error three times as large.
+    strong, weak = (ranger.shots(photodetector.Surface("", 0.0, k, 0.3), 0.0, 3) for k in (0.3, 0.1))
+    assert np.abs(weak).mean() / np.abs(strong).mean() == pytest.approx(3.0, rel=0.6)
+
+
+def rig(**changes: float) -> stacks.Rig:
+    plain = {"sigma_s": 1.5e-9, "step_s": 0.3e-9, "background_m": 6.0, "near_sigmas": 6.0, "far_sigmas": 6.0, "wall": 1.0,
+             "weaker": 0.5}  # fmt: skip
+    return stacks.Rig(**(plain | changes))
+
+
+def test_an_offset_compresses_depth_by_its_share() -> None:
+    """Equal signals, all of R inside the delays (6 σ): KB/(S + KB), whatever the window."""
+    for changes in ({}, {"near_sigmas": 9.0}, {"background_m": 20.0}):
+        mine = rig(**changes)
+        offset = stacks.fitted_offset(mine, 0.48, 0.1265, 0.48)
+        r, echo = stacks.slices(mine, mine.background_m - 0.2, 1.0, 0.48)
+        assert r.size * offset / echo.sum() == pytest.approx(table_1.offset_share(0.1265), rel=1e-4)
+        found = stacks.depth(mine, 0.40, 1.0, offset, 0.48)
+        assert found / 0.40 == pytest.approx(1.0 - 0.1265, rel=1e-4)
+    assert table_1.offset_share(0.1265) == pytest.approx(0.1448, abs=5e-5)
+    assert table_1.offset_share(0.1411) == pytest.approx(0.1643, abs=5e-5)
+
+
+def test_cubic_weights_move_an_echo_by_twice_its_variance_over_range() -> None:
+    mine = rig()
+    r, echo = stacks.slices(mine, 5.5, 1.0, 0.48)
+    variance = (0.5 * C_M_PER_S * mine.sigma_s) ** 2
+    # ⟨r³⟩/⟨r²⟩ of a Gaussian is r(r² + 3σ²)/(r² + σ²).
+    exact = 5.5 * (5.5**2 + 3 * variance) / (5.5**2 + variance)
+    assert stacks.cubic_average(r, echo) == pytest.approx(exact, rel=1e-7)
+    assert stacks.cubic_average(r, echo) - 5.5 == pytest.approx(2 * variance / 5.5, rel=0.01)
+    assert stacks.weighted_average(r, echo) == pytest.approx(5.5, rel=1e-8)
+    # A threshold keeps the top of a symmetric echo.
+    assert stacks.weighted_average(r, echo + 0.01, 0.1) == pytest.approx(5.5, abs=2e-3)
+
+
+def test_no_offset_fits_what_cannot_be_had() -> None:
+    assert math.isnan(stacks.fitted_offset(rig(), 0.48, 5.0, 0.48))
+
+
+def test_radial_taken_for_depth() -> None:
+    angle = table_1.radial_angle(5.0, 0.0, 0.48, 0.0607)
+    assert 5.0 * (1.0 / math.cos(angle) - 1.0) == pytest.approx(0.0607, rel=1e-9)
+
+
+def test_table_1_is_told_as_it_is() -> None:
+    rows = table_1.table_1_rows()
+    verdict = {
+        (r.quantity.split(",")[0], r.quantity.split(", ", 1)[1]): r.verdict for r in rows if r.quantity[:6] == "Object"
+    }
+    for number in (1, 2):
+        assert verdict[f"Object {number}", "depth error per set-up"] == "arithmetic"
+        assert verdict[f"Object {number}", "proposed as printed (r³/r²), reading «offset»"] == "contradicted"
+        assert verdict[f"Object {number}", "proposed as printed (÷ cos, r³/r²), reading «radial»"] == "contradicted"
+    assert verdict["Object 1", "weighted average, reading «offset»"] == "fitted"
+    assert verdict["Object 2", "weighted average, reading «offset»"] == "undetermined"
+    bands = table_1.bands()
+    assert bands["weighted average", 1] == pytest.approx((12.65,) * 3, abs=1e-6)
+    assert bands["r³/r²", 1][0] > 12.65  # cubic weights make it worse in the median
+    assert bands["weighted average over 10 %", 1][0] < 2.26
+    assert all(low <= middle <= high for middle, low, high in bands.values())
+
+
+def test_figures_3_4_and_7_show_their_trends() -> None:
+    rows = [*reflection.reflection_rows(), *deviation.deviation_rows(), *ranger.ranger_rows()]
+    assert {r.item for r in rows} == {"Figure 3", "Figure 4", "Figure 7"}
+    assert "contradicted" not in {r.verdict for r in rows}
+    assert sum(r.verdict == "trend" for r in rows) == 2 * 4 + 5 + 4 + 2 + 1
+    (exponent,) = (r for r in rows if r.quantity.startswith("exponent"))
+    assert exponent.verdict == "predicted" and exponent.reproduced == pytest.approx(-1.0, abs=0.02)
+
+
+# --- the whole ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return beambench.reproduce(out=tmp_path_factory.mktemp("reproduce") / "out")
+
+
+def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> None:
+    with (project / "docs" / "coverage.csv").open(newline="", encoding="utf-8") as file:
+        covered = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "000"}
+    wanted = [f"Eq. {n}" for n in range(1, 26)] + [f"Figure {n}" for n in range(1, 10)] + ["Table 1"]
+    wanted = [item for item in wanted if covered[item] != "nothing-to-compute"]
+    assert sorted(wanted) == sorted(ITEMS)
+    by_item: dict[str, set[str]] = {item: set() for item in ITEMS}
+    for r in done.rows:
+        by_item[r.item].add(r.verdict)
+    assert all(by_item.values())
+    # What coverage.csv says of an item is one of the verdicts that its rows have.
+    for item in wanted:
+        if covered[item] in VERDICTS:
+            assert covered[item] in by_item[item], item
+    assert len({(r.item, r.quantity) for r in done.rows}) == len(done.rows)
+    order = [ITEMS.index(r.item) for r in done.rows]
+    assert order == sorted(order)
+
+
+def test_the_files(done: Any) -> None:
+    table = pd.read_csv(done.out / "reproduction.csv", dtype={"document": str})
+    assert tuple(table.columns) == COLUMNS
+    assert set(table["verdict"]) == set(VERDICTS)
+    assert (table["document"] == "000").all() and table["reproduced"].notna().all()
+    assert (table.loc[table["verdict"] == "predicted", ["published", "tolerance"]].notna()).all(axis=None)
+    parquet = pd.read_parquet(done.out / "reproduction.parquet")
+    assert list(parquet.columns) == list(COLUMNS) and len(parquet) == len(table)
+    np.testing.assert_allclose(parquet["reproduced"], table["reproduced"], rtol=1e-5)
+    page = done.page.read_text(encoding="utf-8")
+    assert page.count("<section") == len(ITEMS) and "http://" not in page and "https://" not in page
+    assert page.count("<img") == len(list((done.out / "pictures").glob("*.png"))) == 6 + 2 * 5
+    for picture in (done.out / "pictures").glob("*.png"):
+        assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and picture.stat().st_size > 1000
+    assert json.loads((done.out / "run.json").read_text(encoding="utf-8"))["rows"] == len(table)
+
+
+def test_equal_bytes_and_known_numbers(done: Any) -> None:
+    """Everything anew: the csv is the same to the byte, and the captures show what Eq. 24 does."""
+    for cached in (objects.objects, table_1._offset_errors, table_1._radial_errors):
+        cached.cache_clear()
+    assert to_csv(all_rows()) == (done.out / "reproduction.csv").read_text(encoding="utf-8")
+    rows = {(r.item, r.quantity): r for r in done.rows}
+    cancel = rows["Eq. 23", "change of range when another reflection (Eq. 4) is put in, relative"]
+    assert cancel.verdict == "contradicted" and cancel.reproduced < 1e-12
+    moved = rows["Eq. 24", "the same over 2σ²/r, on the expected echo without background and noise"]
+    assert moved.reproduced == pytest.approx(1.0, abs=0.02)
+    fitted = rows["Figure 9", "Object 1, weighted average, with offset"]
+    # Noise of some 500 pixels a side: .4 mm/√500 of 480 mm; what is left is clipping of none and the bisection of all.
+    assert fitted.reproduced == pytest.approx(-12.65, abs=0.05) and fitted.verdict == "fitted"
+    assert abs(rows["Figure 9", "Object 1, weighted average, clean"].reproduced) < 0.2
+    assert rows["Figure 9", "Object 1, proposed as printed, taken as depth, clean"].reproduced > 20.0
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["reproduce", "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "Example" in shown and "beambench reproduce" in shown
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match="exists"):
+        beambench.reproduce(out=tmp_path / "mine")
+    assert cli.main(["reproduce", "-o", str(tmp_path / "mine"), "--overwrite"]) == 2
+    assert (tmp_path / "mine" / "thesis.tex").exists()

@@ -1,0 +1,129 @@
+"""Stress axes: what a level changes in a scene, neutral levels, units, and what is told of bad ones."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from beambench.benchmarks.stress import AXES, axis_overrides, axis_unit, list_axes, stressed
+from beambench.benchmarks.suite import SUITES, cells_of, list_suites, load_suite
+from beambench.scenes.errors import InputError
+from beambench.scenes.load import load_scene
+
+#: A level of every axis that is not neutral and fits the flat wall.
+LEVELS = {
+    "photons": 0.1,
+    "background": 1e6,
+    "incidence": 30.0,
+    "distance": 0.1,
+    "delay-step": 2.0,
+    "window-start": 1e-9,
+    "pulse-width": 2.0,
+    "jitter": 1e-10,
+    "shot-jitter": 1e-10,
+    "fluctuation": 0.05,
+    "read-noise": 10.0,
+    "gain": 0.5,
+    "absorption": 0.1,
+    "wrong-index": 0.01,
+    "wrong-t0": 1e-10,
+    "wrong-pulse": 0.2,
+}
+
+
+def test_every_axis_changes_the_scene() -> None:
+    scene = load_scene("flat-wall")
+    assert set(LEVELS) == set(AXES) and list_axes()
+    for axis, level in LEVELS.items():
+        changed, overrides = stressed(scene, [(axis, level)])
+        assert changed != scene, axis
+        # What was changed is written down as overrides: the same scene comes of them, as `--set` would make it.
+        assert load_scene("flat-wall", overrides) == changed, axis
+
+
+def test_neutral_levels_change_nothing() -> None:
+    for name in ("flat-wall", "relief-tank", "photodetector-5m", "amcw"):
+        scene = load_scene(name)
+        neutral = [(a.name, a.neutral) for a in AXES.values() if a.neutral is not None and not a.name.startswith("wrong")]
+        for axis, level in neutral:
+            if axis == "incidence":  # sets the tilt, which 0 leaves for untilted objects only
+                continue
+            try:
+                assert stressed(scene, [(axis, level)])[0] == scene, (name, axis)
+            except InputError as error:
+                assert "does not apply" in error.what or "does not fit" in error.what, (name, axis)
+
+
+def test_what_named_axes_mean() -> None:
+    scene = load_scene("flat-wall")
+    rig = scene.rig
+    coarse = stressed(scene, [("delay-step", 4.0)])[0].rig
+    assert coarse.delays.step_s == pytest.approx(4 * rig.delays.step_s)  # type: ignore[union-attr]
+    span = (coarse.delays.count - 1) * coarse.delays.step_s  # type: ignore[union-attr]
+    whole = (rig.delays.count - 1) * rig.delays.step_s  # type: ignore[union-attr]
+    assert whole - coarse.delays.step_s < span <= whole * (1 + 1e-12)  # type: ignore[union-attr]
+    far = stressed(scene, [("distance", 0.5)])[0]
+    assert far.target[0].shape.center_m[2] == pytest.approx(scene.target[0].shape.center_m[2] + 0.5)
+    # A wrong declaration leaves the true rig alone, and two of them add up.
+    wrong, overrides = stressed(scene, [("wrong-index", 0.01), ("wrong-t0", 1e-10)])
+    assert wrong.rig == scene.rig and wrong.medium == scene.medium
+    assert set(wrong.declared) == {"medium.index", "t0_s"} and set(overrides) == {"declared"}
+
+
+def test_paths_are_axes_too() -> None:
+    scene = load_scene("flat-wall")
+    changed = stressed(scene, [("rig.pulses_per_slice", 50.0), ("target.wall.material.albedo", 0.25)])[0]
+    assert changed.rig.pulses_per_slice == 50  # type: ignore[union-attr]
+    assert changed.target[0].material.albedo == 0.25  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("axis", "unit"),
+    [("photons", "1"), ("background", "e/s"), ("rig.detector.read_noise_e", "e"), ("rig.ambient_e_per_s", "e/s"),
+     ("medium.absorption_per_m", "1/m"), ("rig.t0_s", "s"), ("target.0.shape.tilt_y_deg", "deg"),
+     ("rig.pulses_per_slice", "1")],
+)  # fmt: skip
+def test_units(axis: str, unit: str) -> None:
+    assert axis_unit(axis) == unit
+
+
+@pytest.mark.parametrize(
+    ("axis", "told"),
+    [("phootns", "did you mean photons"), ("rig.detectr.read_noise_e", "did you mean detector"),
+     ("rig.camera.vignetting", "path of a number")],
+)  # fmt: skip
+def test_bad_axes_are_told(axis: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        axis_overrides(load_scene("flat-wall"), axis, 0.3)
+
+
+def test_a_level_that_no_scene_can_have_is_told() -> None:
+    with pytest.raises(InputError, match="does not fit"):
+        stressed(load_scene("flat-wall"), [("background", -1.0)])
+    with pytest.raises(InputError, match="does not apply"):
+        stressed(load_scene("amcw"), [("delay-step", 2.0)])
+
+
+def test_five_lines_make_a_suite() -> None:
+    loaded = load_suite(
+        {
+            "suite": "my-axis",
+            "scenes": ["flat-wall"],
+            "estimators": ["peak"],
+            "stresses": [{"axis": "photons", "values": [1.0, 0.1]}],
+            "seeds": {"test": [1]},
+        }
+    )
+    cells = cells_of(loaded)
+    assert [cell.level for cell in cells[1:]] == [1.0, 0.1] and math.isnan(cells[0].level)
+    assert cells[1].scene == cells[0].scene and cells[2].scene != cells[0].scene
+
+
+def test_the_stress_suites_load_and_hold_their_seeds_apart() -> None:
+    names = [name for name in list_suites() if name.startswith("stress-")]
+    assert len(names) >= 6
+    for name in names:
+        suite = load_suite(name).suite
+        assert suite.suite == name and (SUITES / f"{name}.toml").is_file()
+        assert suite.stresses and suite.seeds.dev and not set(suite.seeds.dev) & set(suite.seeds.test)
