@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .verb_doctor import doctor
     from .verb_estimate import estimate
     from .verb_estimators import estimators_check, estimators_list, estimators_new
+    from .verb_export import export
     from .verb_generate import generate
     from .verb_report import report
     from .verb_reproduce import reproduce
@@ -44,6 +45,7 @@ __all__ = [
     "estimators_check",
     "estimators_list",
     "estimators_new",
+    "export",
     "generate",
     "report",
     "reproduce",
@@ -67,6 +69,7 @@ _HOME = {
     "estimators_check": ".verb_estimators",
     "estimators_list": ".verb_estimators",
     "estimators_new": ".verb_estimators",
+    "export": ".verb_export",
     "generate": ".verb_generate",
     "report": ".verb_report",
     "reproduce": ".verb_reproduce",

@@ -1,4 +1,4 @@
-"""Commands that search for failure: sweep, break."""
+"""Commands that search for failure, sweep and break, and export for programs in other languages."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ def register(app: App) -> None:
     """Add the commands to the command line."""
     app.command(sweep, name="sweep", sort_key=13, help_epilogue=_SWEEP)
     app.command(break_, name="break", sort_key=14, help_epilogue=_BREAK)
+    app.command(export, name="export", sort_key=9, help_epilogue=_EXPORT)
 
 
 Estimators = Annotated[list[str] | None, Parameter(name=["--estimators", "-e"], negative="")]
@@ -191,4 +192,40 @@ def break_(
         return 0
     print_lines("", *result.spec.read_text(encoding="utf-8").splitlines(), "")
     print_lines(f"find     {result.spec}", f"repeat   beambench run {result.spec}")
+    return 0
+
+
+_EXPORT = """Example: estimates by any program
+  beambench export captures.zarr -o captures.h5
+  my-program captures.h5 estimates.h5
+  beambench score captures.zarr estimates.h5"""
+
+
+def export(
+    data: str,
+    /,
+    *,
+    to: Literal["hdf5"] = "hdf5",
+    out: Out = None,
+    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    common: Common | None = None,
+) -> int:
+    """Write captures without their truth as one HDF5 file, for an estimator in any language.
+
+    Parameters
+    ----------
+    data
+        A store of captures.
+    to
+        The format.
+    overwrite
+        Replace the file in --out.
+    """
+    from .verb_export import export as verb
+
+    path = verb(data, to=to, out=out, overwrite=overwrite)
+    if common and common.json:
+        print_json({"out": str(path)})
+    else:
+        print_lines(f"file     {path}", f"next     beambench score {data} ESTIMATES.h5")
     return 0

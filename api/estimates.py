@@ -90,7 +90,7 @@ def read_estimates(path: Path, count: int, shape: tuple[int, ...]) -> Estimates:
 
     try:
         with h5py.File(path, "r") as file:
-            version = int(file.attrs.get("schema_version", SCHEMA_VERSION))
+            version = int(np.ravel(file.attrs.get("schema_version", SCHEMA_VERSION))[0])
             if version != SCHEMA_VERSION:
                 raise InputError(
                     "The estimates have another schema version.",
@@ -102,7 +102,11 @@ def read_estimates(path: Path, count: int, shape: tuple[int, ...]) -> Estimates:
             modality = _text(file.attrs.get("modality", "gated"))
             stacks = {name: _stack(file, name, path, (count, *shape)) for name in ("range", "sigma", "valid")}
             numbers = {name: _numbers(file, name, count) for name in ("cpu_s", "wall_s", "peak_bytes")}
-            status = [_text(item) for item in file["status"][()]] if "status" in file else ["ok"] * count
+            status = [_text(item) for item in np.ravel(file["status"][()])] if "status" in file else ["ok"] * count
+            if len(status) != count:
+                raise InputError(
+                    "The estimates do not fit the captures.", where=f"{path}: status", value=len(status), allowed=str(count)
+                )
     except (OSError, KeyError, ValueError, TypeError) as error:
         if isinstance(error, InputError):
             raise
@@ -142,13 +146,20 @@ def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...]) -> NDArray[
             value=tuple(dataset.shape),
             allowed=f"{shape}: (capture, row, col)",
         )
-    return np.asarray(dataset[()])
+    values = np.asarray(dataset[()])
+    if name == "valid" and not np.isin(values, (0, 1)).all():
+        raise InputError("The estimates' `valid` is neither yes nor no.", where=f"{path}: valid", allowed="0 and 1")
+    return values
 
 
 def _numbers(file: Any, name: str, count: int) -> list[float]:
-    values = list(map(float, file[name][()])) if name in file else []
+    # A vector of a program without one-dimensional arrays is a row or a column.
+    values = list(map(float, np.ravel(file[name][()]))) if name in file else []
     return values if len(values) == count else [math.nan] * count
 
 
 def _text(value: Any) -> str:
+    """Text of any string type of HDF5; MATLAB also writes it as an array of one."""
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.ravel()[0]
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

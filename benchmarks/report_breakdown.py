@@ -129,6 +129,21 @@ def _scale(values: Sequence[float]) -> Any:
     return alt.Scale(type="log" if is_log(values) else "linear", zero=False, nice=False)
 
 
+def _axis(values: Sequence[float]) -> Any:
+    """Plain numbers where they are short, powers of ten where they are not."""
+    import altair as alt
+
+    from .failure_map import is_log
+
+    largest = max(abs(value) for value in values)
+    form = "~e" if largest >= 1e5 or largest < 1e-3 else "~g"
+    if not is_log(values):
+        return alt.Axis(format=form, tickCount=6)
+    first, last = math.ceil(math.log10(min(values)) - 1e-9), math.floor(math.log10(max(values)) + 1e-9)
+    decades = [10.0**k for k in range(first, last + 1)]
+    return alt.Axis(format=form, values=decades) if len(decades) > 1 else alt.Axis(format=form)
+
+
 def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Failure rate with its interval at every measured level, and the intervals of the 10 and 50 % levels."""
     import altair as alt
@@ -141,7 +156,7 @@ def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> 
     shape = alt.Shape("estimator:N", scale=alt.Scale(domain=labels, range=shapes), legend=legend)
     x = alt.X(
         "level:Q", title=_title(points[0]["axis"], points[0]["unit"]), scale=_scale([p["level"] for p in points]),
-        axis=alt.Axis(format="~g", tickCount=6),
+        axis=_axis([p["level"] for p in points]),
     )  # fmt: skip
     y = alt.Y("failure_rate:Q", title="failed", axis=alt.Axis(format="%"), scale=alt.Scale(domain=[0, 1]))
     plain = [{k: p[k] for k in ("estimator", "level", "failure_rate", "lo", "hi")} for p in points]
@@ -168,6 +183,7 @@ def _heat(points: list[dict[str, Any]], cells: Mapping[str, Sequence[tuple[float
     import altair as alt
 
     x_scale, y_scale = _scale([p["level"] for p in points]), _scale([p["level2"] for p in points])
+    x_axis, y_axis = _axis([p["level"] for p in points]), _axis([p["level2"] for p in points])
     colour = alt.Color(
         "rate:Q", title="failed", scale=alt.Scale(scheme="viridis", domain=[0, 1]), legend=alt.Legend(format="%")
     )
@@ -179,7 +195,7 @@ def _heat(points: list[dict[str, Any]], cells: Mapping[str, Sequence[tuple[float
             for a, b, c, d in cells[label]
         ]
         dots = [{"x": s, "y": t, "shown": rate(value)} for (s, t), value in mine.items()]
-        x = alt.X("x:Q", title=_title(points[0]["axis"], points[0]["unit"]), scale=x_scale, axis=alt.Axis(format="~g"))
+        x = alt.X("x:Q", title=_title(points[0]["axis"], points[0]["unit"]), scale=x_scale, axis=x_axis)
         y = alt.Y(
             "y:Q", title=_title(points[0]["axis2"], points[0]["unit2"]), scale=y_scale, axis=alt.Axis(format="~g")
         )

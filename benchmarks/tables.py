@@ -1,4 +1,4 @@
-"""The score tables on disk: scores.csv, scores.parquet, accuracy.csv and summary.csv.
+"""The score tables on disk: scores.csv, scores.parquet, accuracy.csv, summary.csv, ranking.csv, pairs.csv, profiles.csv.
 
 Numbers are written with nine significant digits, NaN as an empty field, rows sorted by their key: the accuracy columns
 of two runs with equal seeds are the same bytes.
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .files import write_atomic, write_text
+from .inference_tables import inference_tables
 from .score import ACCURACY, COLUMNS, KEY
 from .summary import SUMMARY_COLUMNS, summarise
 
@@ -60,6 +61,8 @@ def write_tables(folder: Path, rows: Iterable[dict[str, Any]]) -> None:
     write_text(folder / "scores.csv", to_csv(ordered, COLUMNS))
     write_text(folder / "accuracy.csv", to_csv(ordered, ACCURACY))
     write_text(folder / "summary.csv", to_csv(summarise(ordered), SUMMARY_COLUMNS))
+    for name, (columns, found) in inference_tables(ordered).items():
+        write_text(folder / name, to_csv(found, columns))
     write_atomic(folder / "scores.parquet", lambda path: _write_parquet(path, ordered))
 
 

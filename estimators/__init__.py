@@ -20,6 +20,7 @@ BUILTIN: dict[str, str] = {
     "chua-2017-orthogonal": "beambench.estimators.chua_2017:chua_2017_orthogonal",
     "constant-fraction": "beambench.estimators.constant_fraction:constant_fraction",
     "gaussian-least-squares": "beambench.estimators.gaussian_least_squares:gaussian_least_squares",
+    "learned": "beambench.estimators.learned:learned",
     "log-gaussian": "beambench.estimators.log_gaussian:log_gaussian",
     "matched-filter": "beambench.estimators.matched_filter:matched_filter",
     "parabola": "beambench.estimators.parabola:parabola",

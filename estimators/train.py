@@ -27,7 +27,7 @@ __all__ = ["fit", "samples_of", "train"]
 
 Float = npt.NDArray[np.float64]
 #: Errors beyond this many σ_R are another echo's: no answer about a first guess can mend them.
-FAR = 3.0
+FAR = 1.5
 #: Most pixels taken of one capture, so that a large one does not drown the others.
 MOST = 20_000
 #: E ln|z| of a normal variable, with the sign turned: what separates a mean log error from a log standard error.

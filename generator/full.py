@@ -26,7 +26,7 @@ from .path_world import PathWorld
 from .random import BLOCK_ROWS, Stage
 from .returns import Returns, render_stack
 
-__all__ = ["Limits", "add_remainder", "Remainder", "Slices", "path_window", "render_remainder", "returns_of_moments"]
+__all__ = ["Limits", "add_remainder", "gate_offset", "Remainder", "Slices", "path_window", "render_remainder", "returns_of_moments"]
 
 Float = NDArray[np.float64]
 
@@ -59,12 +59,14 @@ class Limits:
 @dataclass(frozen=True)
 class Remainder:
     """The path-traced light. `light` (slices, rows, cols) photoelectrons; `amplitude` and its standard error `sigma`
-    (rows, cols): photoelectrons at an open gate of the light inside the window of times; `epsilon`: standard error of the
+    (rows, cols): photoelectrons at an open gate of the light inside the window of times; `halves` (2, slices, rows, cols): two
+    independent estimates whose mean is `light`; `epsilon`: standard error of the
     stack relative to the whole stack, sqrt(Σ variance / Σ (direct + remainder)²); `samples` per pixel."""
 
     light: NDArray[np.float32]
     amplitude: Float
     sigma: Float
+    halves: NDArray[np.float32]
     epsilon: float
     samples: int
     reached: bool
@@ -146,7 +148,16 @@ def render_remainder(
         wanted = int(np.ceil((min(needed, limits.most_samples) - run.samples) / run.lanes_per_pixel))
         wanted = max(wanted, 1)
     light, amplitude, sigma = run.result()
-    return Remainder(light, amplitude, sigma, epsilon, run.samples, epsilon <= rtol)
+    halves = (run.half / np.float32(run.samples / 2)).reshape(2, *light.shape)
+    return Remainder(light, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol)
+
+
+def gate_offset(scene: Scene) -> Float | None:
+    """Extra delay of the gate in each pixel (rows·cols) [s]; None where all open together."""
+    rig = gated_rig(scene)
+    if rig.gate_map is None:
+        return None
+    return gate_offset_map(rig.camera.rows, rig.camera.cols, rig.gate_map.iris_s, rig.gate_map.skew_s).ravel()
 
 
 def add_remainder(
@@ -158,12 +169,8 @@ def add_remainder(
     Returns the background (slices, rows, cols), to which the remainder belongs because its times tell of other ranges
     than the pixel's own, and what the capture records of it: samples, standard errors, whether rtol was reached.
     """
-    rig = gated_rig(scene)
-    offset = None
-    if rig.gate_map is not None:
-        offset = gate_offset_map(rig.camera.rows, rig.camera.cols, rig.gate_map.iris_s, rig.gate_map.skew_s).ravel()
     level = ambient.astype(np.float32)[:, None, None]
-    slices = Slices(delay_s, scale, gate, offset)
+    slices = Slices(delay_s, scale, gate, gate_offset(scene))
     found = render_remainder(scene, light - level, slices, rtol, seed, capture_key)
     light += found.light
     told = {

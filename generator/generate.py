@@ -27,9 +27,13 @@ from .trace import Tracer
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["GenerationWarning", "capture_key_of", "expected_electrons", "generate", "slice_settings"]
+    from .choose import Choice
 
-RUNGS = ("direct", "scatter", "full")
+__all__ = [
+    "GenerationWarning", "capture_key_of", "expected_electrons", "generate", "slice_coordinates", "slice_settings",
+]  # fmt: skip
+
+RUNGS = ("direct", "scatter", "full", "auto")
 
 
 class GenerationWarning(UserWarning):
@@ -47,8 +51,8 @@ def generate(
     *,
     seed: int,
     capture_key: int | None = None,
-    fidelity: Literal["direct", "scatter", "full"] = "direct",
-    rtol: float = 3e-3,
+    fidelity: Literal["direct", "scatter", "full", "auto"] = "direct",
+    rtol: float | Literal["noise"] = 3e-3,
     truth_electrons: bool = False,
     tracer: Tracer | None = None,
 ) -> xr.Dataset:
@@ -60,8 +64,10 @@ def generate(
     Other arguments:
         capture_key: index in a data set; by default the hash of the scene.
         fidelity: the rung of the ladder; "direct" is one bounce without scattered light, "scatter" adds what the water
-            scatters forward and back, "full" adds all that "direct" leaves out by tracing paths.
-        rtol: relative error of the expected stack aimed at by sub-pixel sampling, and by the number of paths.
+            scatters forward and back, "full" adds all that "direct" leaves out by tracing paths,
+            "auto" takes the cheapest rung whose predicted error is below rtol.
+        rtol: relative error of the expected stack aimed at by sub-pixel sampling, and by the number of paths; with "auto"
+            also "noise": one standard deviation of the detector's noise.
         truth_electrons: also keep the noise-free expectation of every sample.
         tracer: reuse a tracer of the same target.
 
@@ -72,11 +78,28 @@ def generate(
     """
     if fidelity not in RUNGS:
         raise InputError("There is no such rung.", where="fidelity", value=fidelity, allowed=", ".join(RUNGS))
-    if not 1e-6 <= rtol <= 0.5:
+    if rtol == "noise" and fidelity != "auto":
+        raise InputError("Only the choice of a rung goes by noise.", where="rtol", value=rtol, allowed="1e-6 … 0.5")
+    if rtol != "noise" and not 1e-6 <= rtol <= 0.5:
         raise InputError("rtol is a fraction.", where="rtol", value=rtol, allowed="1e-6 … 0.5")
     if seed < 0:
         raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
     key = capture_key_of(scene) if capture_key is None else capture_key
+    if scene.modality != "gated" and fidelity != "direct":
+        raise InputError(
+            "This rung is built for gated scenes only.", where=f"{scene.name}: fidelity", value=fidelity,
+            allowed='"direct"',
+        )  # fmt: skip
+    arguments = {
+        "seed": seed, "capture_key": key, "fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons,
+    }  # fmt: skip
+    choice: Choice | None = None
+    if fidelity == "auto":
+        from .choose import choose
+
+        choice = choose(scene, rtol, seed, key)
+        fidelity, rtol = choice.rung, choice.rtol
+    assert not isinstance(rtol, str)
     if scene.modality == "waveform":
         from .waveform import generate_waveform
 
@@ -87,7 +110,7 @@ def generate(
         return generate_amcw(scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer)
     scatter = render_scatter(scene, rtol, tracer) if fidelity == "scatter" else None
     direct = render_direct(scene, rtol, tracer) if scatter is None else scatter.direct
-    coords = _coordinates(scene)
+    coords = slice_coordinates(scene)
     light, ambient = expected_electrons(scene, direct, coords, seed, key)
     rig = gated_rig(scene)
     _warn_if_dark(scene, light, ambient, coords)
@@ -116,6 +139,11 @@ def generate(
     if truth_electrons:
         truth["truth_electrons"] = light + np.float32(dark if rig.detector.intensifier is None else 0.0)
     effects = catalogue(scene, direct, fidelity)
+    if choice is not None:
+        traced |= {"chosen": choice.record()}
+        for effect in effects:
+            if effect["name"] in choice.sizes:
+                effect |= {"predicted_relative_size": choice.sizes[effect["name"]], "basis": choice.basis}
     for effect in effects:
         if not effect["modelled"] and (effect["predicted_relative_size"] or 0) > 0.1:
             warnings.warn(
@@ -142,20 +170,12 @@ def generate(
             "capture_key": key,
             "fidelity": {"rung": fidelity, "rtol": rtol, "rays": direct.rays, **traced, "effects": effects},
             "truth_materials": [item.name for item in scene.target],
-            "provenance": provenance(
-                {
-                    "seed": seed,
-                    "capture_key": key,
-                    "fidelity": fidelity,
-                    "rtol": rtol,
-                    "truth_electrons": truth_electrons,
-                }
-            ),
+            "provenance": provenance(arguments),
         },
     )
 
 
-def _coordinates(scene: Scene) -> dict[str, Any]:
+def slice_coordinates(scene: Scene) -> dict[str, Any]:
     """Per-slice coordinates; `setting` is what the delay generator was set to, `actual` the optical delay."""
     rig = gated_rig(scene)
     spec = rig.delays

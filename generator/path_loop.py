@@ -35,8 +35,8 @@ _LATTICE = tuple(round((1.1347241384015194**-k % 1.0) * 2**32) for k in range(1,
 #: Share of directions drawn toward the lamp in a scattering medium: at surfaces; at scattering events of light on the way
 #: to the lamp; and of light on the way from it. Weights grow by 1/(1 − share) at each event, so it is small where many
 #: follow; without it a direction that meets the lamp by chance would weigh as much as the peak of the phase function.
-_TOWARD_LAMP = (0.5, 0.15, 0.03)
-#: Events after which paths end at random, by their weight.
+_TOWARD_LAMP = (0.5, 0.3, 0.1)
+#: Events after which paths end at random.
 _FREE_EVENTS = 3
 _MOST_EVENTS = 400
 
@@ -187,12 +187,12 @@ class _Body:
         # Go on.
         draw, one, two = (dr.select(fresh, e, rng.next_float32()) for e in even[2:])
         pair = mi.Point2f(one, two)
-        out, gain = self._next(rng, si, bsdf, context, d, to_lamp, hit, scattered, draw, pair)
+        out, gain, kept = self._next(rng, si, bsdf, context, d, to_lamp, hit, scattered, draw, pair)
         weight = weight * gain
         onward = si.spawn_ray(out)
         o = dr.select(hit, onward.o, point)
         d = dr.select(event, out, d)
-        survive = dr.select(surfaces + scatters > _FREE_EVENTS, dr.clip(weight, 0.05, 0.95), 1.0)
+        survive = dr.select(surfaces + scatters > _FREE_EVENTS, dr.clip(kept, 0.05, 0.99), 1.0)
         alive = event & (weight > 0.0) & (rng.next_float32() < survive) & (surfaces + scatters < _MOST_EVENTS)
         # No way to the lamp is shorter than the straight one.
         alive &= length + away < self.longest
@@ -224,15 +224,20 @@ class _Body:
     def _next(
         self, rng: Any, si: Any, bsdf: Any, context: Any, d: Any, to_lamp: Any, hit: Any, scattered: Any, draw: Any,
         pair: Any,
-    ) -> tuple[Any, Any]:  # fmt: skip
-        """The next direction, and value over density there."""
+    ) -> tuple[Any, Any, Any]:  # fmt: skip
+        """The next direction, value over density there, and the share of light that the event keeps.
+
+        The latter decides on the path's end. The path's own weight must not: drawn toward the lamp it is small just where
+        the lamp's answer is large.
+        """
         import drjit as dr
 
         mi, phase = mitsuba(), self.world.phase
         sample, weight = bsdf.sample(context, si, draw, pair, hit)
         out, gain = si.to_world(sample.wo), weight[0]
         if phase is None:
-            return out, dr.select(hit, gain, 0.0)
+            return out, dr.select(hit, gain, 0.0), gain
+        kept = dr.select(scattered, self.world.scattering / self.world.attenuation, gain)
         ahead = dr.select(dr.dot(d, to_lamp) > 0.0, mi.Float(_TOWARD_LAMP[1]), _TOWARD_LAMP[2])
         share = dr.select(scattered, ahead, _TOWARD_LAMP[0])
         guided = rng.next_float32() < share
@@ -243,4 +248,4 @@ class _Body:
         own = dr.select(scattered, phase.density(d, out), bsdf.pdf(context, si, local, hit))
         value = dr.select(scattered, phase.density(d, out), bsdf.eval(context, si, local, hit)[0])
         density = share * phase.density(to_lamp, out) + (1.0 - share) * own
-        return out, dr.select((hit | scattered) & (density > 0.0), value / density, 0.0)
+        return out, dr.select((hit | scattered) & (density > 0.0), value / density, 0.0), kept

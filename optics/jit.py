@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     prange = range
 
-__all__ = ["cache_folder", "kernel", "prange", "source_hash"]
+__all__ = ["c_callback", "cache_folder", "kernel", "prange", "source_hash"]
 
 
 def __getattr__(name: str) -> Any:
@@ -86,3 +86,10 @@ def kernel(*args: Any, **options: Any) -> Any:
     if len(args) == 1 and callable(args[0]) and not options.keys() - {"cache", "nogil"}:
         return numba.njit(**options)(args[0])
     return numba.njit(*args, **options)
+
+
+def c_callback(signature: Any) -> Any:
+    """`numba.cfunc`: compile a function of `signature` for calls from C, where a foreign library asks for one."""
+    import numba
+
+    return numba.cfunc(signature)

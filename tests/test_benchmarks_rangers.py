@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+
 from beambench.benchmarks.bounds.amcw import amcw_bound
 from beambench.benchmarks.bounds.dispatch import bound_of
 from beambench.benchmarks.bounds.waveform import profiled_sigma, waveform_bound

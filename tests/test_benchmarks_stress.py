@@ -45,7 +45,9 @@ def test_every_axis_changes_the_scene() -> None:
 def test_neutral_levels_change_nothing() -> None:
     for name in ("flat-wall", "relief-tank", "photodetector-5m", "amcw"):
         scene = load_scene(name)
-        neutral = [(a.name, a.neutral) for a in AXES.values() if a.neutral is not None and not a.name.startswith("wrong")]
+        neutral = [
+            (a.name, a.neutral) for a in AXES.values() if a.neutral is not None and not a.name.startswith("wrong")
+        ]
         for axis, level in neutral:
             if axis == "incidence":  # sets the tilt, which 0 leaves for untilted objects only
                 continue

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.benchmarks.bounds.waveform import waveform_bound
 from beambench.captures.hide import hide_truth
 from beambench.estimators import get_estimator, list_estimators, run_estimator

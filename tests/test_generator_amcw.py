@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.captures.validate import validate
 from beambench.generator.generate import generate
 from beambench.optics.amcw import correlation_sample
@@ -109,3 +110,9 @@ def test_impossible_rigs_are_refused(changes: dict[str, Any], where: str) -> Non
     with pytest.raises(InputError) as error:
         load_scene("amcw", changes)
     assert where in error.value.where
+
+
+def test_rungs_above_direct_are_refused_and_not_silently_left_out() -> None:
+    for name in ("amcw", "counter"):
+        with pytest.raises(InputError, match="gated scenes only"):
+            generate(load_scene(name), seed=1, fidelity="scatter")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+
 from beambench.captures.validate import validate
 from beambench.generator.footprint import sunflower_cone
 from beambench.generator.generate import GenerationWarning, generate

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+
 from beambench.optics import ambient
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from beambench.optics import amcw, pile_up
 from beambench.optics import detector_response as dr
 from beambench.optics import time_of_flight as tof

@@ -18,13 +18,13 @@ import numpy.typing as npt
 from ...optics.constants import C_M_PER_S
 from .stacks import GaussianRig, poisson_bound, stack_capture
 
-__all__ = ["compare"]
+__all__ = ["compare", "starts"]
 
 Float = npt.NDArray[np.float64]
 
 
-def _starts(rig: GaussianRig, counts: npt.NDArray[Any]) -> Float:
-    """The estimator's own start (τ [ns], A, B) of every pixel, (row, col, 3)."""
+def starts(rig: GaussianRig, counts: npt.NDArray[Any]) -> Float:
+    """A matched filter's start (τ [ns], A, B) of every pixel, (row, col, 3): that of the estimator's general path."""
     from ...estimators.design import design_of
     from ...estimators.poisson_fit import start
     from ...estimators.stack import read_stack
@@ -72,7 +72,7 @@ def compare(
     ours = float(np.median(runs)) / (rows * cols)
 
     chosen = rng.choice(rows * cols, peer_pixels, replace=False)
-    starts = _starts(rig, counts).reshape(-1, 3)[chosen]
+    starts = starts(rig, counts).reshape(-1, 3)[chosen]
     data = counts.reshape(rig.slices, -1).T[chosen].astype(np.float64)
     t, sigma, height = rig.delay_s * 1e9, rig.sigma_s * 1e9, rig.part_s / rig.sigma_s
     centre = rig.centre_s * 1e9
