@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .verb_estimate import estimate
     from .verb_estimators import estimators_check, estimators_list, estimators_new
     from .verb_export import export
+    from .verb_fidelity import fidelity
     from .verb_generate import generate
     from .verb_report import report
     from .verb_reproduce import reproduce
@@ -46,6 +47,7 @@ __all__ = [
     "estimators_list",
     "estimators_new",
     "export",
+    "fidelity",
     "generate",
     "report",
     "reproduce",
@@ -70,6 +72,7 @@ _HOME = {
     "estimators_list": ".verb_estimators",
     "estimators_new": ".verb_estimators",
     "export": ".verb_export",
+    "fidelity": ".verb_fidelity",
     "generate": ".verb_generate",
     "report": ".verb_report",
     "reproduce": ".verb_reproduce",

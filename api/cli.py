@@ -11,7 +11,7 @@ from typing import Any, TextIO
 
 from cyclopts import App, CycloptsError
 
-from . import cli_data, cli_estimators, cli_run, cli_search
+from . import cli_data, cli_estimators, cli_fidelity, cli_run, cli_search
 from .console import terminal
 from .scenes.errors import InputError
 
@@ -54,7 +54,7 @@ app = App(
     suppress_keyboard_interrupt=False,
     result_action="return_value",
 )
-for _part in (cli_run, cli_search, cli_data, cli_estimators):
+for _part in (cli_run, cli_search, cli_fidelity, cli_data, cli_estimators):
     _part.register(app)
 
 

@@ -83,7 +83,7 @@ def generate(
     *,
     set_: Overrides = None,
     seeds: Annotated[list[int] | None, Parameter(negative="")] = None,
-    fidelity: Literal["direct"] | None = None,
+    fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
     rtol: float | None = None,
     truth_electrons: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     like: str | None = None,
@@ -102,7 +102,7 @@ def generate(
     seeds
         Seed of a scene's capture, repeatable; 0 if not given.
     fidelity
-        Rung of the forward model.
+        Rung of the forward model; "auto" takes the cheapest whose predicted error is below --rtol.
     rtol
         Relative error of the expected stack aimed at; 1e-3, or what the suite says, if not given.
     truth_electrons

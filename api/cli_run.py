@@ -42,6 +42,7 @@ def run(
     resume: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     report: Annotated[bool, Parameter(show_default=False)] = True,
+    cache: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     common: Common | None = None,
 ) -> int:
     """Generate, estimate, score and report a suite; `quickstart` is the demo.
@@ -62,6 +63,9 @@ def run(
         Replace the run in --out.
     report
         Write the page report.html.
+    cache
+        Take answers that an earlier run measured on this machine (same capture, source, parameters), with their
+        times, and keep the new ones. Failures are never kept.
     """
     from .benchmarks.progress import terminal_progress
     from .benchmarks.report_data import read_scores
@@ -79,6 +83,7 @@ def run(
             resume=resume,
             overwrite=overwrite,
             report=report,
+            cache=cache,
             progress=progress,
             command=["beambench", *sys.argv[1:]],
         )

@@ -105,7 +105,10 @@ def read_estimates(path: Path, count: int, shape: tuple[int, ...]) -> Estimates:
             status = [_text(item) for item in np.ravel(file["status"][()])] if "status" in file else ["ok"] * count
             if len(status) != count:
                 raise InputError(
-                    "The estimates do not fit the captures.", where=f"{path}: status", value=len(status), allowed=str(count)
+                    "The estimates do not fit the captures.",
+                    where=f"{path}: status",
+                    value=len(status),
+                    allowed=str(count),
                 )
     except (OSError, KeyError, ValueError, TypeError) as error:
         if isinstance(error, InputError):

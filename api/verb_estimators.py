@@ -82,13 +82,21 @@ def estimators_check(estimator: str) -> list[LawResult]:
     from .estimator_laws import check_laws
     from .estimators import get_estimator, parse_label
     from .estimators.labels import check_parameters
+    from .ranger_laws import RANGERS, check_ranger_laws
     from .scenes.errors import InputError
 
     name, params = parse_label(estimator)
     found = get_estimator(name)
     checked = check_parameters(found.function, params, where=name)
+    if found.modality in RANGERS:
+        return check_ranger_laws(partial(found, **checked), found.modality)
     if found.modality != _CHECKED:
-        raise InputError("There are no laws for this modality.", where=name, value=found.modality, allowed=_CHECKED)
+        raise InputError(
+            "There are no laws for this modality.",
+            where=name,
+            value=found.modality,
+            allowed=", ".join((_CHECKED, *RANGERS)),
+        )
     return check_laws(partial(found, **checked))
 
 

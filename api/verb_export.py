@@ -50,14 +50,15 @@ def export(
         for index in range(len(captures)):
             seen = hide_truth(captures[index])
             if index == 0:
-                for name in ("schema_version", "modality"):
-                    file.attrs[name] = seen.attrs[name]
+                for attribute in ("schema_version", "modality"):
+                    file.attrs[attribute] = seen.attrs[attribute]
                 file.attrs["averaged"] = int(bool(seen.attrs.get("averaged", False)))
-            for name, variable in seen.variables.items():
+            for key, variable in seen.variables.items():
+                name = str(key)
                 values: Any = np.asarray(variable.values)
                 if index == 0:
                     dataset = file.create_dataset(
-                        str(name),
+                        name,
                         shape=(len(captures), *values.shape),
                         dtype="u1" if values.dtype == bool else values.dtype,
                         chunks=(1, *values.shape) if values.size else None,
@@ -65,7 +66,7 @@ def export(
                     )
                     dataset.attrs["units"] = str(variable.attrs.get("units", ""))
                     dataset.attrs["dims"] = " ".join(["capture", *map(str, variable.dims)])
-                file[str(name)][index] = values
+                file[name][index] = values
             rig = seen.attrs["rig"]
             rigs.append(rig if isinstance(rig, str) else json.dumps(rig))
         file.create_dataset("rig", data=rigs, dtype=h5py.string_dtype())

@@ -50,7 +50,7 @@ class _Item:
     scene: Scene
     seed: int
     key: int | None
-    fidelity: Literal["direct"]
+    fidelity: Literal["direct", "scatter", "full", "auto"]
     rtol: float
     truth_electrons: bool
 
@@ -60,7 +60,7 @@ def generate(
     *,
     overrides: Mapping[str, Any] | None = None,
     seeds: Sequence[int] = (0,),
-    fidelity: Literal["direct"] | None = None,
+    fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
     rtol: float | None = None,
     truth_electrons: bool = False,
     like: str | Path | None = None,
@@ -119,7 +119,7 @@ def _items(
     source: Any,
     overrides: dict[str, Any],
     seeds: Sequence[int],
-    fidelity: Literal["direct"] | None,
+    fidelity: Literal["direct", "scatter", "full", "auto"] | None,
     rtol: float | None,
     electrons: bool,
 ) -> dict[str, list[_Item]]:

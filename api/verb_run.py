@@ -23,6 +23,7 @@ def run(
     resume: bool = False,
     overwrite: bool = False,
     report: bool = True,
+    cache: bool = False,
     progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> RunResult:
@@ -34,6 +35,7 @@ def run(
     Other arguments:
         estimators: labels to run instead of the suite's. split: which seeds to score on.
         out: folder; ./beambench-runs/<suite>-<time> by default. resume, overwrite: what to do where it exists.
+        cache: take answers that an earlier run measured on this machine, with their times, and keep the new ones.
         report: write report.html. progress: told of every step. command: what was typed, for run.json.
 
     Raises:
@@ -53,6 +55,7 @@ def run(
         resume=resume,
         overwrite=overwrite,
         report=report,
+        cache=cache,
         progress=progress or silent,
         command=list(command),
     )

@@ -209,21 +209,22 @@ def _key(cell: Cell) -> tuple[Any, ...]:
 def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> list[Trial]:
     """Count the failures of one scene at one level, seed by seed, by mode.
 
-    An element that fails in every seed, always to the same side, is biased; one that fails now and then is an outlier.
-    With one seed the two are told apart by whether the element is within its limit once the capture's median error is
-    taken off. An element without an answer is a refusal; a capture without an estimate is a crash of all its elements.
+    A failed element is biased if its median error in the other seeds is at least half of its error, on the same side;
+    else it is an outlier. With one seed the two are told apart by whether the element is within its limit once the
+    capture's median error is taken off. An element without an answer is a refusal; a capture without an estimate is a
+    crash of all its elements.
     """
     fine = [answer for answer in answers if answer.status == "ok"]
     trials = []
     with np.errstate(invalid="ignore"):
         far = [answer.valid & ~(np.abs(answer.error) <= answer.limit) for answer in fine]
-        if len(fine) > 1:
-            above = np.all([bad & (a.error > 0) for bad, a in zip(far, fine, strict=True)], axis=0)
-            below = np.all([bad & (a.error < 0) for bad, a in zip(far, fine, strict=True)], axis=0)
-            biased = [above | below] * len(fine)
-        else:
-            biased = []
-            for bad, a in zip(far, fine, strict=True):
+        biased = []
+        for number, (bad, a) in enumerate(zip(far, fine, strict=True)):
+            others = [answer.error for other, answer in enumerate(fine) if other != number]
+            if others:
+                usual = _median(np.stack(others))
+                biased.append(bad & (usual * np.sign(a.error) >= 0.5 * np.abs(a.error)))
+            else:
                 centre = float(np.median(a.error[a.valid])) if a.valid.any() else 0.0
                 biased.append(bad & (np.abs(a.error - centre) <= a.limit))
     counts = iter(zip(fine, far, biased, strict=True))
@@ -238,3 +239,13 @@ def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> li
             Trial(scene, seed, n, bias=displaced, outlier=int(bad.sum()) - displaced, refusal=int((~a.valid).sum()))
         )
     return trials
+
+
+def _median(error: Float) -> Float:
+    """Median over the first axis of what is there; 0 where nothing is."""
+    there = np.isfinite(error)
+    ordered = np.sort(np.where(there, error, np.inf), axis=0)
+    count = there.sum(axis=0)
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, error.shape[0] - 1)
+    pair = [np.take_along_axis(ordered, index[None, :], axis=0)[0] for index in (low, high)]
+    return np.asarray(np.where(count > 0, 0.5 * (pair[0] + pair[1]), 0.0), np.float64)

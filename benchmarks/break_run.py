@@ -149,7 +149,9 @@ def break_estimator(
     base = {**_size(modality, side), **(overrides or {})}
     loaded = {scene: load_scene(scene, base) for scene in scenes}
     space = dimensions_of(list(loaded.values()))
-    with Bench([target, *others], Limits(time_s=time_limit_s), suite=f"break-{target.name}") as bench:
+    with Bench(
+        [target, *others], Limits(time_s=time_limit_s, memory_bytes=2**31), suite=f"break-{target.name}"
+    ) as bench:
         judge = _Judge(bench, target.label, loaded)
         search = search_and_shrink(
             judge, list(scenes), space, factor=factor, budget=budget, seed=seed, progress=progress

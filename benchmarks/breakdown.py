@@ -80,9 +80,12 @@ def _mode(levels: Sequence[float], found: EdgeMap) -> str:
 
 
 def calm_level(levels: Sequence[float], found: EdgeMap) -> float | None:
-    """The last measured level certainly below the 10 % edge, where stability is tested; None where there is none."""
+    """Where stability is tested: the last measured level certainly below the 10 % edge; the first level where the seeds
+    are too few for certainty; None where that fails already."""
     start = found.edges[0].start
-    return None if math.isnan(start) else start
+    if not math.isnan(start):
+        return start
+    return levels[0] if failure_rate(found.trials[levels[0],]) < found.edges[0].target else None
 
 
 #: The measured variable of each modality.

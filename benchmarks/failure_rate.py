@@ -7,8 +7,9 @@ seeds are its chance. The rate of a level is the mean over scenes of the failed 
 
 with p_s smoothed by half a failure so that no scene claims to be certain. φ ≥ 1 is the overdispersion: Pearson's χ² of
 the trials about their scene's rate, over its degrees of freedom, pooled over all levels (McCullagh and Nelder 1989,
-sec. 4.5) and drawn to 1 by six degrees of freedom, since a few trials tell little of it. It is near 1 where elements fail one by one and near n where whole captures fail. Bounds are Wilson's (1927)
-with the effective number of elements p(1 − p)/var p.
+sec. 4.5) and drawn to 1 by six degrees of freedom, since a few trials tell little of it. It is near 1 where elements
+fail one by one and near n where whole captures fail. Bounds are Wilson's (1927) with the effective number of elements
+p(1 − p)/var p.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 
 __all__ = ["MODES", "Dispersion", "Trial", "dispersion", "failure_rate", "mode_of", "rate_bounds"]
 
-#: How an element fails: displaced the same way in every seed; now and then far off; no answer; no estimate at all.
+#: How an element fails: displaced in the other seeds as well; far off in this one; no answer; no estimate at all.
 MODES = ("bias", "outlier", "refusal", "crash")
 
 

@@ -196,9 +196,7 @@ def _heat(points: list[dict[str, Any]], cells: Mapping[str, Sequence[tuple[float
         ]
         dots = [{"x": s, "y": t, "shown": rate(value)} for (s, t), value in mine.items()]
         x = alt.X("x:Q", title=_title(points[0]["axis"], points[0]["unit"]), scale=x_scale, axis=x_axis)
-        y = alt.Y(
-            "y:Q", title=_title(points[0]["axis2"], points[0]["unit2"]), scale=y_scale, axis=alt.Axis(format="~g")
-        )
+        y = alt.Y("y:Q", title=_title(points[0]["axis2"], points[0]["unit2"]), scale=y_scale, axis=y_axis)
         rect = alt.Chart(alt.InlineData(values=rectangles)).mark_rect(strokeWidth=0)
         dot = alt.Chart(alt.InlineData(values=dots)).mark_circle(size=8, color="#ffffff", opacity=0.8)
         layered = alt.layer(rect.encode(x=x, x2="x2:Q", y=y, y2="y2:Q", color=colour), dot.encode(x=x, y=y))

@@ -17,6 +17,7 @@ from .output import Journal, default_folder, prepare_folder
 from .picture_files import write_picture
 from .progress import Progress, silent
 from .record import machine, now, versions
+from .result_cache import ResultCache
 from .runner import Job, Outcome, Session, run_sessions
 from .score import errors_of, score_rows
 from .spool import Entry, Spool
@@ -55,6 +56,7 @@ def run_suite(
     resume: bool = False,
     overwrite: bool = False,
     report: bool = True,
+    cache: bool = False,
     progress: Progress = silent,
     command: list[str] | None = None,
 ) -> RunResult:
@@ -65,6 +67,7 @@ def run_suite(
     Other arguments:
         overrides: {path: value}; see `load_suite`. split: which seeds to score on.
         resume: keep what an interrupted run of the same suite finished. overwrite: replace a run.
+        cache: take answers that an earlier run measured on this machine, with their times, and keep the new ones.
         report: write the page. progress: told of every step. command: what was typed, for run.json.
 
     An estimator that fails is a row with its status; the run goes on. Raises InputError for bad input, before anything
@@ -76,7 +79,7 @@ def run_suite(
     cells = cells_of(loaded, split)
     folder = Path(out) if out is not None else default_folder(loaded.suite.suite)
     prepare_folder(folder, loaded.hash, resume=resume, overwrite=overwrite)
-    run = _Run(loaded, chosen, folder, progress, len(cells))
+    run = _Run(loaded, chosen, folder, progress, len(cells), ResultCache() if cache else None)
     began = now()
     with Spool() as spool, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
@@ -101,6 +104,7 @@ def run_suite(
         "overrides": dict(overrides or {}), "command": command or [], "started": began, "finished": now(),
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
         "machine": machine(), "versions": versions(), "warnings": run.warnings, "failures": run.failures,
+        "answers_from_cache": run.cache.hits if run.cache is not None else 0,
     }  # fmt: skip
     write_json(folder / "run.json", record)
     page = None
@@ -132,7 +136,16 @@ def _file_name(cell: Cell) -> str:
 class _Run:
     """The state of one run."""
 
-    def __init__(self, loaded: Loaded, chosen: list[Chosen], folder: Path, progress: Progress, captures: int) -> None:
+    def __init__(
+        self,
+        loaded: Loaded,
+        chosen: list[Chosen],
+        folder: Path,
+        progress: Progress,
+        captures: int,
+        cache: ResultCache | None = None,
+    ) -> None:
+        self.cache = cache
         self.loaded, self.suite, self.chosen = loaded, loaded.suite, chosen
         self.folder, self.progress = folder, progress
         self.journal = Journal(folder, loaded.hash)
@@ -200,7 +213,9 @@ class _Run:
         tick = time.perf_counter()
         entries = {entry.index: entry for entry in batch}
         sessions = [
-            Session(chosen.label, self._jobs(batch, chosen), self.suite.limits, spool.open / f"estimator-{number}")
+            Session(
+                chosen.label, self._jobs(spool, batch, chosen), self.suite.limits, spool.open / f"estimator-{number}"
+            )
             for number, chosen in enumerate(self.chosen)
         ]
         self.progress("estimate", self.done, self.total, "starting")
@@ -209,10 +224,12 @@ class _Run:
         )
         for entry in batch:
             spool.drop(entry)
+        if self.cache is not None:
+            self.cache.prune()
         self.stages["estimate"] += time.perf_counter() - tick
 
-    def _jobs(self, batch: list[Entry], chosen: Chosen) -> list[Job]:
-        """What an estimator still has to do; what the journal holds becomes rows at once."""
+    def _jobs(self, spool: Spool, batch: list[Entry], chosen: Chosen) -> list[Job]:
+        """What an estimator still has to do; what the journal or the cache holds becomes rows at once."""
         jobs: list[Job] = []
         for entry in batch:
             for condition in self.suite.conditions:
@@ -220,8 +237,13 @@ class _Run:
                 if finished is not None:
                     self.rows += finished
                     self.done += 1
+                    continue
+                job = Job(entry.index, entry.folder, condition, entry.modality, entry.shape)
+                kept = self.cache.get(job, chosen) if self.cache is not None else None
+                if kept is not None:
+                    self._take(spool, entry, chosen, kept, fresh=False)
                 else:
-                    jobs.append(Job(entry.index, entry.folder, condition, entry.modality, entry.shape))
+                    jobs.append(job)
         return jobs
 
     @staticmethod
@@ -230,12 +252,14 @@ class _Run:
         axes = (cell.scene_name, cell.stress, repr(cell.level), cell.stress2, repr(cell.level2), str(cell.seed))
         return (*axes, condition, chosen.label)
 
-    def _take(self, spool: Spool, entry: Entry, chosen: Chosen, outcome: Outcome) -> None:
+    def _take(self, spool: Spool, entry: Entry, chosen: Chosen, outcome: Outcome, *, fresh: bool = True) -> None:
         cell, job = entry.cell, outcome.job
         truth, bound = spool.truth(entry)
         if not spool.intact(entry):
             outcome.status = "invalid: changed its input"
             self._restore(spool, entry)
+        if fresh and self.cache is not None:
+            self.cache.put(outcome, chosen)
         key = {
             "suite": self.suite.suite, "scene": cell.scene_name, "stress": cell.stress, "level": cell.level,
             "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": job.condition,

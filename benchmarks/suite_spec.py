@@ -72,8 +72,8 @@ class Limits(Spec):
         output_bytes: what may be printed.
     """
 
-    time_s: Positive = 60.0
-    memory_bytes: Annotated[int, Field(ge=2**20)] = 2**31
+    time_s: Positive
+    memory_bytes: Annotated[int, Field(ge=2**20)]
     warmup_s: Positive = 120.0
     output_bytes: Annotated[int, Field(ge=0)] = 2**20
 
@@ -116,7 +116,7 @@ class Suite(Spec):
     failure_at: Positive | None = None
     fidelity: str = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
-    limits: Limits = Field(default_factory=Limits)
+    limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
 
     @model_validator(mode="after")
     def _consistent(self) -> Suite:

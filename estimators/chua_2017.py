@@ -65,14 +65,14 @@ def _moments(counts, slices, group, levels, noise, share, number, t, reflection,
                 up, down = 0.0, 0.0
                 for g in range(t.size):
                     v = y[c, g] * share[g]
-                    if v >= threshold * top:
+                    if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
                         up += factor * v * t[g] ** 3
                         down += factor * v * t[g] ** 2
                 mean = up / down if down > 0 else np.nan
                 variance = 0.0
                 for g in range(t.size):
                     v = y[c, g] * share[g]
-                    if v >= threshold * top:
+                    if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
                         lever = factor * t[g] ** 2 * (t[g] - mean) / down if down > 0 else np.nan
                         variance += lever * lever * (excess * max(v, 0.0) + floor) / number[g]
                 tau[row, col] = mean

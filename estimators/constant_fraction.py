@@ -17,7 +17,9 @@ from .stack import read_stack
 __all__ = ["constant_fraction"]
 
 
-@estimator("gated", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction of pulse height)")
+@estimator(
+    "gated", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction of pulse height)"
+)
 def constant_fraction(
     capture: xr.Dataset, *, fraction: float = 0.5, edges: Literal["leading", "trailing", "both"] = "both",
     background: Background = "outside",

@@ -12,7 +12,9 @@ __all__ = ["edge"]
 Float = npt.NDArray[np.float64]
 
 
-def edge(stack: Stack, y: Float, level: Float, start: npt.NDArray[np.int64], side: int, variance: Float) -> tuple[Float, Float, Float]:
+def edge(
+    stack: Stack, y: Float, level: Float, start: npt.NDArray[np.int64], side: int, variance: Float
+) -> tuple[Float, Float, Float]:
     """(t, slope, noise): delay [s] of the nearest crossing of `level` (row, col) below (side −1) or above (+1) slice
     `start`, by a straight line between two samples; |dy/dt| there; variance of the interpolated sample. NaN where none.
 

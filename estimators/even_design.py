@@ -77,16 +77,16 @@ def _build(stack: Stack) -> EvenDesign | None:
         return None
     xi = last
     u = xi + np.arange(rows)[:, None] / phases - np.arange(slices)
-    value, slope, _bend = response(u * step)
+    value, slope, _bend = response(np.asarray(u * step, dtype=np.float64))
     table = np.stack([value, slope * step / phases], axis=1) * stack.exposure[0]
 
     fine = np.arange(first, n - 1 + last, 1 / phases)
     light = np.zeros(fine.size)
     for k in range(n):
-        light += response((fine - k) * step)[0]
+        light += response(np.asarray((fine - k) * step, dtype=np.float64))[0]
     inside = fine[light >= 0.25 * light.max()]
     grid = np.arange(inside[0], inside[-1], 0.75 * width)
-    template = response((grid[:, None] - np.arange(n)) * step)[0] * stack.exposure[0]
+    template = response(np.asarray((grid[:, None] - np.arange(n)) * step, dtype=np.float64))[0] * stack.exposure[0]
     seen = template > 1e-3 * template.max()
     seen[np.arange(grid.size), template.argmax(axis=1)] = True
     span = np.stack([seen.argmax(axis=1), n - seen[:, ::-1].argmax(axis=1)], axis=1)

@@ -139,7 +139,9 @@ def _fit_rows(counts, slices, group, levels, noise, share, number, t, width, snr
                         ok[r, first + c] = np.sqrt(total) < width
 
 
-@estimator("gated", cites="Wagner et al., ISPRS J. Photogramm. 60:100, 2006 (Gaussian decomposition, Levenberg-Marquardt)")
+@estimator(
+    "gated", cites="Wagner et al., ISPRS J. Photogramm. 60:100, 2006 (Gaussian decomposition, Levenberg-Marquardt)"
+)
 def gaussian_least_squares(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     """Least squares of y_k = A·exp(−½((t_k + ū − τ)/s)²) + B over (A, τ, s, B), equal weights, by Levenberg-Marquardt.
 

@@ -21,7 +21,25 @@ FEATURES = POINTS + 3
 
 @kernel(error_model="numpy")
 def _read(  # type: ignore[no-untyped-def]
-    counts, slices, group, e, s, levels, table, first, last, candidates, box, mean, norm, place, apart, snr, guess, out, ok
+    counts,
+    slices,
+    group,
+    e,
+    s,
+    levels,
+    table,
+    first,
+    last,
+    candidates,
+    box,
+    mean,
+    norm,
+    place,
+    apart,
+    snr,
+    guess,
+    out,
+    ok,
 ):
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
@@ -36,7 +54,7 @@ def _read(  # type: ignore[no-untyped-def]
                 if bad[c] != 0:
                     continue
                 y, f = z[c], out[row, begin + c]
-                x, a, b = start(y, e, s, table, first, last, candidates, box, mean, norm, running)
+                x, a, _b = start(y, e, s, table, first, last, candidates, box, mean, norm, running)
                 light, total = 0.0, 0.0
                 for g in range(signal):
                     total += e[g]

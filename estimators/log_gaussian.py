@@ -14,7 +14,9 @@ from .stack import read_stack
 __all__ = ["log_gaussian"]
 
 
-@estimator("gated", cites="Fisher and Naidu, in Image Technology (Springer), 1996 (Gaussian peak from three logarithms)")
+@estimator(
+    "gated", cites="Fisher and Naidu, in Image Technology (Springer), 1996 (Gaussian peak from three logarithms)"
+)
 def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> xr.Dataset:
     """Vertex of the parabola through ln(y − B) of the brightest slice and its neighbours, plus the argument of max R.
 
@@ -44,7 +46,9 @@ def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> 
         x = 0.5 * (a**2 * up - b**2 * down) / bottom
         # The curvature of ln R itself: the samples' own is so noisy that sigma would follow the noise.
         response = rig.responses[int(stack.gate[0])]
-        near = [np.log(np.maximum(response(np.asarray(response.peak_s - s))[0] / response.peak, 1e-12)) for s in (-a, b)]
+        near = [
+            np.log(np.maximum(response(np.asarray(response.peak_s - s))[0] / response.peak, 1e-12)) for s in (-a, b)
+        ]
         curve = np.maximum(-a * near[1] - b * near[0], 1e-300)
         d_up, d_down = (0.5 * a**2 + a * x) / curve, (-0.5 * b**2 + b * x) / curve
         total = np.zeros(shape)

@@ -27,7 +27,9 @@ def _score(z, table, first, last, mean, norm, light, j):  # type: ignore[no-unty
 
 
 @kernel(error_model="numpy")
-def _filter_rows(counts, slices, group, levels, noise, number, table, first, last, mean, norm, ends, snr, tau, sigma, ok):  # type: ignore[no-untyped-def]
+def _filter_rows(  # type: ignore[no-untyped-def]
+    counts, slices, group, levels, noise, number, table, first, last, mean, norm, ends, snr, tau, sigma, ok
+):
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
     excess, floor = noise
@@ -81,7 +83,9 @@ def _filter_rows(counts, slices, group, levels, noise, number, table, first, las
                 spread = 0.0
                 for g in range(groups):
                     w = (table[best, 0, g] - mean[best]) * q
-                    spread += w * w * (excess * max(top * q * table[best, 0, g] + max(back, 0.0), 0.0) + floor * number[g])
+                    spread += (
+                        w * w * (excess * max(top * q * table[best, 0, g] + max(back, 0.0), 0.0) + floor * number[g])
+                    )
                 if top > snr * np.sqrt(spread) and square > 0:
                     tau[row, col0 + c] = best + STRIDE * 0.5 * (after - before) / bend
                     sigma[row, col0 + c] = np.sqrt(quiet) / (top * square)

@@ -45,7 +45,26 @@ def _usable(counts, slices, group, row, col, offset, scale, saturation, whole, z
 
 @kernel(error_model="numpy")
 def _fit_rows(  # type: ignore[no-untyped-def]
-    counts, slices, group, e, s, levels, table, first, last, bounds, candidates, box, mean, norm, snr, units, tau, sigma, ok, again
+    counts,
+    slices,
+    group,
+    e,
+    s,
+    levels,
+    table,
+    first,
+    last,
+    bounds,
+    candidates,
+    box,
+    mean,
+    norm,
+    snr,
+    units,
+    tau,
+    sigma,
+    ok,
+    again,
 ):
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels

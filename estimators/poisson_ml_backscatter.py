@@ -22,7 +22,9 @@ __all__ = ["backscatter_template", "poisson_ml_backscatter"]
 Float = npt.NDArray[np.float64]
 
 
-def backscatter_template(rig: Instrument, design: Design, nearest_m: float, attenuation_per_m: float) -> tuple[Float, Float]:
+def backscatter_template(
+    rig: Instrument, design: Design, nearest_m: float, attenuation_per_m: float
+) -> tuple[Float, Float]:
     """(below (row, group), decay (row)): b_k(τ_j) = Σ_{i<j} w_i·R(τ_i − t_k) and w = e^(−2cr)/r² at the rows of a design
     table, w = 1 at its middle row and 0 before `nearest_m`."""
     rows = design.table.shape[0]
@@ -78,7 +80,9 @@ def _fit_rows(counts, slices, group, e, s, levels, table, below, decay, grid, bo
                     tau[row, first + c], sigma[row, first + c], ok[row, first + c] = q[2], error[2], True
 
 
-@estimator("gated", cites="Fisher scoring: Osborne, Int. Stat. Rev. 60:99, 1992; template: single-scatter lidar equation")
+@estimator(
+    "gated", cites="Fisher scoring: Osborne, Int. Stat. Rev. 60:99, 1992; template: single-scatter lidar equation"
+)
 def poisson_ml_backscatter(
     capture: xr.Dataset, *, min_snr: float = 4.0, nearest_m: float = 0.1, attenuation_per_m: float | None = None
 ) -> xr.Dataset:
@@ -94,7 +98,9 @@ def poisson_ml_backscatter(
     """
     if min_snr < 0 or nearest_m <= 0 or (attenuation_per_m is not None and attenuation_per_m < 0):
         value = (min_snr, nearest_m, attenuation_per_m)
-        raise InputError("parameters out of range", where="poisson-ml-backscatter", value=value, allowed=">= 0, > 0, >= 0")
+        raise InputError(
+            "parameters out of range", where="poisson-ml-backscatter", value=value, allowed=">= 0, > 0, >= 0"
+        )
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]

@@ -38,7 +38,9 @@ def _clock(response: Response, gap_s: float) -> tuple[Float, Float]:
     return share[cut], u[cut]
 
 
-@estimator("gated", cites="Laurenzis, Christnacher and Monnin, Opt. Lett. 32:3146, 2007; Wang et al., Appl. Opt. 52:7399, 2013")
+@estimator(
+    "gated", cites="Laurenzis, Christnacher and Monnin, Opt. Lett. 32:3146, 2007; Wang et al., Appl. Opt. 52:7399, 2013"
+)
 def range_intensity_correlation(
     capture: xr.Dataset, *, slices_apart: int | None = None, background: Background = "outside", min_snr: float = 4.0
 ) -> xr.Dataset:
@@ -84,7 +86,9 @@ def range_intensity_correlation(
             mine = which.reshape(-1)[k] == i
             if curve.size < 3:
                 continue
-            inside = mine & (share > curve[0]) & (share < curve[-1]) & ~bad & (light > min_snr * np.sqrt(noise_e + noise_l))
+            inside = (
+                mine & (share > curve[0]) & (share < curve[-1]) & ~bad & (light > min_snr * np.sqrt(noise_e + noise_l))
+            )
             slope = np.gradient(u, curve)
             tau[rows][inside] = t[k[inside] + apart] + np.interp(share[inside], curve, u)
             sigma[rows][inside] = np.interp(share[inside], curve, np.abs(slope)) * spread[inside]

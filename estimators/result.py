@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,16 +27,22 @@ def range_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
     return masked_result(np.where(good, range_m, np.nan), np.where(good, sigma_m, np.nan), good)
 
 
-def masked_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
-    """As `range_result` for arrays that are masked already (NaN where not valid): nothing is copied."""
-    dims = ("row", "col")
+@lru_cache(maxsize=16)
+def _template(shape: tuple[int, ...]) -> xr.Dataset:
+    """A result of this shape that holds one number: to fill a copy takes half as long as to build a Dataset."""
+    dims, zero = ("row", "col"), np.broadcast_to(np.float64(0), shape)
     return xr.Dataset(
         {
-            "range": (dims, range_m, {"units": "m", "long_name": "radial range"}),
-            "sigma": (dims, sigma_m, {"units": "m", "long_name": "standard error of range"}),
-            "valid": (dims, valid, {"units": "1", "long_name": "estimate is given"}),
+            "range": (dims, zero, {"units": "m", "long_name": "radial range"}),
+            "sigma": (dims, zero, {"units": "m", "long_name": "standard error of range"}),
+            "valid": (dims, zero, {"units": "1", "long_name": "estimate is given"}),
         }
     )
+
+
+def masked_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
+    """As `range_result` for arrays that are masked already (NaN where not valid): nothing is copied."""
+    return _template(range_m.shape).copy(data={"range": range_m, "sigma": sigma_m, "valid": valid})
 
 
 def check_result(result: object, capture: xr.Dataset, name: str) -> xr.Dataset:

@@ -6,7 +6,8 @@ common mean. Laser-off slices form one group at the end, with no response.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import OrderedDict
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ __all__ = ["Stack", "load_row", "read_stack"]
 
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
+#: The plans of the last few instruments and sets of delays: making one takes as long as a small estimate.
+_plans: OrderedDict[tuple[Any, ...], Stack] = OrderedDict()
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,8 @@ class Stack:
 
     counts (slice, row, col), never copied; `slices`, `group`: the used slices and the group of each; per group:
     delay_s, gate, count (slices summed) and exposure (Σ pulses / nominal pulses), signal groups first (`signal` of
-    them, sorted by delay). `frames` is the number of frames averaged into one float32 value (1 for uint16).
+    them, sorted by delay). `frames` is the number of frames averaged into one float32 value (1 for uint16). `key` names the
+    plan: all but the counts.
     """
 
     counts: npt.NDArray[Any]
@@ -42,6 +46,7 @@ class Stack:
     exposure: Float
     signal: int
     frames: float
+    key: tuple[Any, ...]
 
     @property
     def groups(self) -> int:
@@ -96,6 +101,20 @@ def read_stack(capture: xr.Dataset) -> Stack:
     pulses = per_slice("pulses", instrument.pulses_per_slice).astype(np.float64) / instrument.pulses_per_slice
     laser = per_slice("laser_on", True).astype(bool)
     valid = per_slice("valid", True).astype(bool)
+    frames = float(capture.attrs.get("averaged", 1) or 1)
+    key = (instrument.key, frames, *(part.tobytes() for part in (delay, gate, pulses, laser, valid)))
+    if key not in _plans:
+        _plans[key] = _plan(instrument, delay, gate, pulses, laser, valid, frames, key)
+        while len(_plans) > 8:
+            _plans.popitem(last=False)
+    return replace(_plans[key], counts=counts)
+
+
+def _plan(
+    instrument: Instrument, delay: Float, gate: Int, pulses: Float, laser: npt.NDArray[np.bool_],
+    valid: npt.NDArray[np.bool_], frames: float, key: tuple[Any, ...],
+) -> Stack:  # fmt: skip
+    """All of a Stack but its counts."""
     if (gate[valid & laser] < 0).any() or (gate[valid & laser] >= len(instrument.responses)).any():
         raise InputError(
             "a slice names a gate that the rig lacks", where="gate", allowed=f"0 to {len(instrument.responses) - 1}"
@@ -107,9 +126,8 @@ def read_stack(capture: xr.Dataset) -> Stack:
     slices = np.concatenate([on, off])
     group = np.concatenate([index.reshape(-1), np.full(off.size, signal)]).astype(np.int64)
     groups = signal + (1 if off.size else 0)
-    frames = float(capture.attrs.get("averaged", 1) or 1)
     return Stack(
-        counts=counts,
+        counts=np.zeros((0, instrument.rows, instrument.cols), dtype=np.uint16),
         instrument=instrument,
         slices=slices.astype(np.int64),
         group=group,
@@ -119,6 +137,7 @@ def read_stack(capture: xr.Dataset) -> Stack:
         exposure=np.asarray(frames * np.bincount(group, weights=pulses[slices], minlength=groups), dtype=np.float64),
         signal=signal,
         frames=frames,
+        key=key,
     )
 
 

@@ -70,7 +70,9 @@ def fit(features: Float, answers: Float, *, units: int, ridge: float, seed: int)
     Raises InputError where there are fewer than 10 samples per unit.
     """
     if answers.size < 10 * (units + FEATURES):
-        raise InputError("too few pixels with truth", where="train", value=answers.size, allowed=f"{10 * units} or more")
+        raise InputError(
+            "too few pixels with truth", where="train", value=answers.size, allowed=f"{10 * units} or more"
+        )
     rng = np.random.default_rng([seed, 1])
     order = rng.permutation(answers.size)
     cut = 3 * answers.size // 4
@@ -103,14 +105,15 @@ def train(
     Raises InputError for unusable data or parameters.
     """
     if units < 1 or ridge < 0:
-        raise InputError("parameters out of range", where="train", value=(units, ridge), allowed="units >= 1, ridge >= 0")
+        raise InputError(
+            "parameters out of range", where="train", value=(units, ridge), allowed="units >= 1, ridge >= 0"
+        )
     rng = np.random.default_rng([seed, 0])
     parts, names = [], []
     for path in data:
         for capture in open_captures(path):
             parts.append(samples_of(capture, min_snr, rng))
-            provenance = json.loads(capture.attrs.get("provenance") or "{}")
-            names.append(f"{provenance.get('scene', Path(path).stem)} seed {capture.attrs.get('seed', '?')}")
+            names.append(f"{json.loads(capture.attrs['rig']).get('name', '?')} seed {capture.attrs.get('seed', '?')}")
     if not parts:
         raise InputError("no captures to train on", where="train")
     features = np.concatenate([p[0] for p in parts])

@@ -20,7 +20,7 @@ from .effects import interreflection
 from .full import Limits, Remainder, Slices, gate_offset, render_remainder
 from .path_world import PathWorld
 
-__all__ = ["Choice", "Rtol", "choose", "pilot_scene"]
+__all__ = ["Choice", "Rtol", "choose", "pilot_scene", "stack_error"]
 
 Float = NDArray[np.float64]
 Stack = NDArray[np.float32]
@@ -29,7 +29,8 @@ Rtol = float | Literal["noise"]
 #: Pixels along the longer side of the pilot, and most paths of each.
 _PILOT_SIDE = 12
 _PILOT_SAMPLES = 4096
-#: A rung passes with this margin, which covers what the pilot's low resolution and noise may hide.
+#: A rung passes with this margin, which covers what the pilot's low resolution hides; its noise is in the interval, whose
+#: upper end must pass too.
 _MARGIN = 0.8
 
 
@@ -68,7 +69,7 @@ def pilot_scene(scene: Scene, side: int = _PILOT_SIDE) -> Scene:
 
 
 def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
-    """The cheapest rung whose predicted error is below `rtol`.
+    """The cheapest rung whose predicted error is below `rtol`; where none is, the one with the smallest.
 
     Main arguments:
         scene: what is rendered; gated.
@@ -99,25 +100,27 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
     traced = pilot("all")
     limit = rtol if isinstance(rtol, float) else _relative_noise(scene, small, direct + traced.light)
     references = direct[None] + traced.halves
-    predicted = {name: _error(stack, references) for name, stack in rungs.items()}
+    found = {name: stack_error(stack, *references) for name, stack in rungs.items()}
+    predicted = {name: error for name, (error, _, _) in found.items()}
     sizes: dict[str, float] = {}
     if scatters:
         bounced = pilot("interreflection") if size != 0.0 else None
-        sizes["interreflection"] = 0.0 if bounced is None else _error(direct, direct[None] + bounced.halves)
+        sizes["interreflection"] = 0.0 if bounced is None else stack_error(direct, *(direct[None] + bounced.halves))[0]
     else:
         sizes["interreflection"] = predicted["direct"]
-    passing = [name for name in rungs if predicted[name] <= _MARGIN * limit]
-    # The full rung is traced until its error is what was asked for.
-    predicted["full"] = limit
+    passing = [name for name, (error, _, high) in found.items() if error <= _MARGIN * limit and high <= limit]
+    # The full rung is traced until its error is what was asked for, or its paths are used up.
+    predicted["full"] = max(limit, traced.epsilon * math.sqrt(traced.samples / Limits().most_samples))
     used = f"pilot of {direct.shape[1]}×{direct.shape[2]} pixels, {traced.samples} paths each"
-    rung: Any = passing[0] if passing else "full"
+    # Where the tracer cannot reach the limit either, the rung nearest to it is taken.
+    rung: Any = passing[0] if passing else min(predicted, key=lambda name: predicted[name])
     return Choice(rung, limit, predicted, limit, used, sizes)
 
 
 def _cheap_stacks(scene: Scene, scatters: bool, seed: int, key: int) -> dict[str, Stack]:
     """Signal (slices, rows, cols), without ambient light, of the rungs below the full one; the cheapest comes first."""
-    from .generate import expected_electrons, slice_coordinates, slice_settings
     from .direct import render_direct
+    from .generate import expected_electrons, slice_coordinates, slice_settings
     from .scatter import render_scatter, scattered_electrons
 
     coords = slice_coordinates(scene)
@@ -142,11 +145,17 @@ def _slices(scene: Scene, seed: int, key: int) -> Slices:
     return Slices(delay, energy, coords["gate"], gate_offset(scene))
 
 
-def _error(stack: Stack, references: Stack) -> float:
-    """ε of the fidelity rule; what is negative by noise is zero."""
-    x, one, two = (a.astype(np.float64).ravel() for a in (stack, *references))
-    whole = float(one @ two)
-    return float(np.sqrt(max(float((x - one) @ (x - two)) / whole, 0.0))) if whole > 0 else 0.0
+def stack_error(x: Stack, one: Stack, two: Stack, seed: int = 0, draws: int = 400) -> tuple[float, float, float]:
+    """ε of stack x (slices, rows, cols) against two independent references, ε² = Σ(x − R₁)(x − R₂)/ΣR₁R₂, and its 95 %
+    interval by a bootstrap over pixels. What is negative by noise is zero."""
+    a, b, c = (v.astype(np.float64).reshape(len(v), -1) for v in (x, one, two))
+    above, below = np.sum((a - b) * (a - c), axis=0), np.sum(b * c, axis=0)
+    if not below.sum() > 0:
+        return 0.0, 0.0, 0.0
+    pick = np.random.default_rng(seed).multinomial(above.size, np.full(above.size, 1 / above.size), size=draws)
+    ratios = (pick @ above) / np.maximum(pick @ below, 1e-300)
+    low, high = np.sqrt(np.maximum(np.percentile(ratios, [2.5, 97.5]), 0.0))
+    return float(np.sqrt(max(float(above.sum() / below.sum()), 0.0))), float(low), float(high)
 
 
 def _relative_noise(scene: Scene, small: Scene, signal: Stack) -> float:

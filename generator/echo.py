@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..optics import brdf_albedo, illumination, ladar
-from ..optics.brdf_angles import Angles, angles
+from ..optics.brdf_angles import Angles, angles, monostatic
 from ..optics.brdf_chua import chua
 from ..optics.brdf_cook_torrance import cook_torrance
 from ..optics.brdf_lambert import lambert
@@ -105,7 +105,10 @@ def echoes(
     lit = hit & (intensity > 0)
     if not coaxial and lit.any():
         lit[lit] = tracer.visible(point[:, lit], laser.position_m)
-    a = angles(hits.normal.T, -beam.T, -direction.T)
+    if coaxial:
+        a = monostatic(-np.einsum("in,in->n", hits.normal, direction))
+    else:
+        a = angles(hits.normal.T, -beam.T, -direction.T)
     reflected = np.zeros_like(r2)
     for number, item in enumerate(scene.target):
         mine = lit & (hits.target == number)
@@ -140,6 +143,8 @@ def echoes(
 def beam_angle(spec: Illumination, beam: Float) -> Float:
     """Angle [rad] of unit directions (3, n) from the beam's axis."""
     ax, ay = spec.offset_rad
+    if ax == 0 and ay == 0:
+        return np.asarray(np.arctan2(np.hypot(beam[0], beam[1]), beam[2]))
     axis = np.array([np.sin(ax) * np.cos(ay), np.sin(ay), np.cos(ax) * np.cos(ay)])
     # atan2 of cross and dot keeps full accuracy near the axis, where arccos loses half the digits.
     cross = np.cross(axis, beam, axisa=0, axisb=0, axisc=0)
@@ -159,18 +164,18 @@ def beam_intensity(spec: Illumination, beam: Float) -> Float:
 def _path_gradient(scene: Scene, direction: Float, normal: Float, r2: Float, beam: Float) -> tuple[Float, Float]:
     """d(r₁ + r₂) per pixel along (row, col) on the tangent plane [m].
 
-    On the plane n·p = const, r₂ = (n·p)/(n·d): ∂r₂ = −r₂ (n·∂d)/(n·d), ∂p = d ∂r₂ + r₂ ∂d, ∂r₁ = beam·∂p.
+    On the plane n·p = const, r₂ = (n·p)/(n·d): ∂r₂ = −r₂ (n·∂d)/(n·d), ∂p = d ∂r₂ + r₂ ∂d, ∂r₁ = beam·∂p, with
+    ∂d = (e − d d·e) s for a step s along the axis e of the film.
     """
     camera = gated_rig(scene).camera
-    scale = camera.pixel_pitch_m / camera.focal_length_m * direction[2]
+    scale = camera.pixel_pitch_m / camera.focal_length_m * direction[2] * r2
     facing = np.einsum("in,in->n", normal, direction)
     facing = np.where(np.abs(facing) > 1e-6, facing, -1e-6)
+    coaxial = beam is direction
+    along = 1.0 if coaxial else np.einsum("in,in->n", beam, direction)
     result = []
     for axis in (1, 0):  # rows go along y, columns along x
-        step = -direction * direction[axis]
-        step[axis] += 1.0
-        step *= scale
-        d_r2 = -r2 * np.einsum("in,in->n", normal, step) / facing
-        d_point = direction * d_r2 + step * r2
-        result.append(d_r2 + np.einsum("in,in->n", beam, d_point))
+        d_r2 = scale * (direction[axis] - normal[axis] / facing)
+        across = 0.0 if coaxial else scale * (beam[axis] - along * direction[axis])
+        result.append((1.0 + along) * d_r2 + across)
     return result[0], result[1]

@@ -26,7 +26,16 @@ from .path_world import PathWorld
 from .random import BLOCK_ROWS, Stage
 from .returns import Returns, render_stack
 
-__all__ = ["Limits", "add_remainder", "gate_offset", "Remainder", "Slices", "path_window", "render_remainder", "returns_of_moments"]
+__all__ = [
+    "Limits",
+    "add_remainder",
+    "gate_offset",
+    "Remainder",
+    "Slices",
+    "path_window",
+    "render_remainder",
+    "returns_of_moments",
+]
 
 Float = NDArray[np.float64]
 

@@ -98,7 +98,8 @@ def generate(
         from .choose import choose
 
         choice = choose(scene, rtol, seed, key)
-        fidelity, rtol = choice.rung, choice.rtol
+        # The rung's sampling may take half, so that it and what the rung leaves out stay below rtol together.
+        fidelity, rtol = choice.rung, choice.rtol * (1.0 if choice.rung == "full" else 0.5)
     assert not isinstance(rtol, str)
     if scene.modality == "waveform":
         from .waveform import generate_waveform
@@ -109,7 +110,9 @@ def generate(
 
         return generate_amcw(scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer)
     scatter = render_scatter(scene, rtol, tracer) if fidelity == "scatter" else None
-    direct = render_direct(scene, rtol, tracer) if scatter is None else scatter.direct
+    # Rays and paths share the error of the full rung.
+    share = rtol * (0.7 if fidelity == "full" else 1.0)
+    direct = render_direct(scene, share, tracer) if scatter is None else scatter.direct
     coords = slice_coordinates(scene)
     light, ambient = expected_electrons(scene, direct, coords, seed, key)
     rig = gated_rig(scene)
@@ -124,7 +127,7 @@ def generate(
         from .full import add_remainder
 
         settings = slice_settings(scene, coords, seed, key)
-        background, traced = add_remainder(scene, light, ambient, coords["gate"], *settings, rtol, seed, key)
+        background, traced = add_remainder(scene, light, ambient, coords["gate"], *settings, share, seed, key)
         if not traced["reached"]:
             warnings.warn(
                 f"{scene.name}: {traced['samples_per_pixel']} paths per pixel leave a standard error of "

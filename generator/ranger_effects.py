@@ -76,6 +76,7 @@ def _common(scene: Scene, beam: Footprint, truth_range: Float) -> list[dict[str,
         _effect("volume backscatter", False, 0.0 if b == 0 else None, "needs the phase function"),
         _effect("interreflection", False, *interreflection(scene)),
         _effect("parallax of laser and lens", False, 0.0, "coaxial"),
+        _effect("defocus of near ranges", False, None, "the lens is taken as focused on the target"),
         _effect("speckle", False, None, "not modelled; contrast 1/√M"),
         _effect("photon noise", True, None, "Poisson"),
     ]

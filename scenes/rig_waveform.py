@@ -34,7 +34,8 @@ class PulsedLaser(Spec):
 
 
 class Receiver(Spec):
-    """The lens before the detector; the detector lies in its focus, so the field's half angle is diameter/(2 focal)."""
+    """The lens before the detector. The field's half angle is detector diameter/(2 focal length); the lens is taken as
+    focused on the target (one focused far away would lose light nearer than aperture · focal length/detector)."""
 
     aperture_diameter_m: Positive
     focal_length_m: Positive

@@ -163,7 +163,7 @@ def _answer(error: list[float], valid: list[bool] | None = None, status: str = "
 
 
 def test_modes_of_failure() -> None:
-    # Element 0 is biased in every seed, 1 is far off once, 2 gives no answer, 3 is right; the third capture crashed.
+    # Element 0 is displaced in both seeds, 1 is far off in one, 2 gives no answer, 3 is right; the third capture crashed.
     answers = [
         _answer([3.0, 5.0, 0.0, 0.1], [True, True, False, True]),
         _answer([2.0, 0.2, 0.0, 0.1], [True, True, False, True]),
@@ -176,6 +176,11 @@ def test_modes_of_failure() -> None:
         Trial("wall", 3, 4, crash=4),
     ]
     assert mode_of(trials) == "crash" and mode_of(trials[:2]) == "refusal" and mode_of([]) == "none"
+    # An element that hovers at its limit, displaced in every seed, is biased though it fails in one seed only.
+    assert trials_of("a", [1, 2, 3], [_answer([1.1]), _answer([0.9]), _answer([0.9])])[0] == Trial("a", 1, 1, bias=1)
+    assert trials_of("a", [1, 2, 3], [_answer([1.1]), _answer([-0.9]), _answer([0.9])])[0] == Trial(
+        "a", 1, 1, outlier=1
+    )
     # With one seed a displaced capture is biased, a scattered one holds outliers.
     assert trials_of("a", [1], [_answer([2.0, 2.1, 1.9])]) == [Trial("a", 1, 3, bias=3)]
     assert trials_of("a", [1], [_answer([0.0, 0.1, 9.0])]) == [Trial("a", 1, 3, outlier=1)]

@@ -162,15 +162,16 @@ def test_gate_map_is_taken_out() -> None:
 def test_weighted_average_is_near_the_speed_of_a_copy() -> None:
     from beambench.benchmarks.peers.copyto import compare
 
-    # The best of three, so that a busy machine does not fail what is a property of the code; 3 is the job's limit.
-    assert min(compare(rounds=7)["ratio"] for _ in range(3)) <= 3.0
+    # The best of three, so that a busy machine does not fail what is a property of the code: 1.5 where it is idle.
+    assert min(compare(rounds=9)["ratio"] for _ in range(3)) <= 2.0
 
 
-def test_poisson_ml_is_a_hundred_times_faster_than_curve_fit() -> None:
+def test_poisson_ml_is_hundreds_of_times_faster_than_curve_fit() -> None:
     pytest.importorskip("scipy")
     from beambench.benchmarks.peers.curve_fit import compare
 
     found = max((compare(peer_pixels=120) for _ in range(2)), key=lambda f: f["ratio"])
-    assert found["ratio"] >= 100
+    # 500 and more where the machine is idle.
+    assert found["ratio"] >= 350
     # Same answer quality on 120 pixels: an efficiency has a standard error of 13 % there.
     assert found["poisson_ml_efficiency"] > 0.6 and found["valid"] > 0.999

@@ -16,7 +16,6 @@ import os
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +33,7 @@ Fit = Callable[[GaussianRig, Float, Float], tuple[Float, float]]
 
 def _minpack(rig: GaussianRig, data: Float, start: Float) -> tuple[Float, float]:
     """τ [ns] of every row of data (pixel, slice) by lmder, and CPU seconds per pixel."""
-    from cminpack_numba import CminpackSignature, lmder, lmder_sig
+    from cminpack_numba import CminpackSignature, lmder, lmder_sig  # type: ignore[import-not-found]
 
     n = rig.slices
     # udata: σ, height, slices; then delay + centre, count, 1/σ_y of every slice.
@@ -134,7 +133,10 @@ def _minuit(rig: GaussianRig, data: Float, start: Float) -> tuple[Float, float]:
 
 
 #: name: (package that must be there, the fit)
-PEERS: dict[str, tuple[str, Fit]] = {"minpack-lmder": ("cminpack_numba", _minpack), "minuit-migrad": ("iminuit", _minuit)}
+PEERS: dict[str, tuple[str, Fit]] = {
+    "minpack-lmder": ("cminpack_numba", _minpack),
+    "minuit-migrad": ("iminuit", _minuit),
+}
 
 
 def compare(

@@ -72,7 +72,7 @@ def compare(
     ours = float(np.median(runs)) / (rows * cols)
 
     chosen = rng.choice(rows * cols, peer_pixels, replace=False)
-    starts = starts(rig, counts).reshape(-1, 3)[chosen]
+    begin = starts(rig, counts).reshape(-1, 3)[chosen]
     data = counts.reshape(rig.slices, -1).T[chosen].astype(np.float64)
     t, sigma, height = rig.delay_s * 1e9, rig.sigma_s * 1e9, rig.part_s / rig.sigma_s
     centre = rig.centre_s * 1e9
@@ -88,11 +88,11 @@ def compare(
         out[:, 0], out[:, 1], out[:, 2] = -a * r * u / sigma, r, 1.0
         return out
 
-    errors = [np.sqrt(np.maximum(model(t, *s), 1.0)) for s in starts]
+    errors = [np.sqrt(np.maximum(model(t, *s), 1.0)) for s in begin]
     found = np.empty(peer_pixels)
     t0 = time.process_time()
     for i in range(peer_pixels):
-        found[i] = curve_fit(model, t, data[i], p0=starts[i], sigma=errors[i], jac=jacobian, absolute_sigma=True)[0][0]
+        found[i] = curve_fit(model, t, data[i], p0=begin[i], sigma=errors[i], jac=jacobian, absolute_sigma=True)[0][0]
     peer = (time.process_time() - t0) / peer_pixels
 
     truth = tau.reshape(-1)[chosen]

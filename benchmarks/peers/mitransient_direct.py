@@ -7,6 +7,7 @@ emitter and BSDF at random film positions, exact times and error functions, noth
 cost = a + qN are fitted, and its cost is read at the ε asked for. A histogram's bin sets the peer's floor (a pixel's
 whole echo moves to the bin's centre), so several bin widths are tried and the cheapest that reaches ε counts. The peer's
 cost is its rendering alone: gating its histogram is not counted. Compilation and loading are left out on both sides.
+Cost is CPU seconds over all threads of the process, which a busy machine disturbs least; runs alternate.
 
     python -m beambench.benchmarks.peers.mitransient_direct [MESH] [--size 512] [--quick]
 """
@@ -148,14 +149,14 @@ class MitransientDirect:
         self.scene = mi.load_dict(parts, parallel=False)
 
     def run(self, samples: int, seed: int) -> tuple[NDArray[np.float32], float]:
-        """Stack (slices, pixels) in the peer's units (radiance per unit intensity), and wall seconds of rendering."""
+        """Stack (slices, pixels) in the peer's units (radiance per unit intensity), and CPU seconds of rendering."""
         stack = np.empty((self.gates.shape[1], self.rows * self.cols), dtype=np.float32)
         seconds, first = 0.0, 0
         for band in range(len(self.scene.sensors())):
-            start = time.perf_counter()
+            start = time.process_time()
             _, transient = self._mi.render(self.scene, sensor=band, spp=samples, seed=seed * 64 + band)
             histogram = np.asarray(transient).reshape(-1, self.bins)
-            seconds += time.perf_counter() - start
+            seconds += time.process_time() - start
             stack[:, first : first + len(histogram)] = (histogram @ self.gates).T
             first += len(histogram)
         return stack, seconds
@@ -167,7 +168,9 @@ def electrons_per_radiance(scene: Scene) -> float:
     solid_angle = 2 * np.pi * (1 - np.cos(laser.illumination.half_angle_rad))
     joule = laser.pulse_energy_j / solid_angle * camera.pixel_pitch_m**2 * np.pi / (4 * camera.f_number**2)
     per_joule = laser.wavelength_m / (PLANCK_J_S * C_M_PER_S)
-    return float(gated_rig(scene).pulses_per_slice * joule * camera.transmission * camera.quantum_efficiency * per_joule)
+    return float(
+        gated_rig(scene).pulses_per_slice * joule * camera.transmission * camera.quantum_efficiency * per_joule
+    )
 
 
 def exact_reference(peer: MitransientDirect, scene: Scene, samples: int, seed: int) -> Float:
@@ -231,14 +234,14 @@ def equal_error_cost(samples: Any, squared: Any, seconds: Any, epsilon: float) -
 
 
 def ours(scene: Scene, tracer: Tracer, rtol: float) -> tuple[NDArray[np.float32], float]:
-    """Our expected stack (slices, pixels) and wall seconds, scene loaded and kernels compiled before."""
+    """Our expected stack (slices, pixels) and CPU seconds, scene loaded and kernels compiled before."""
     spec = gated_rig(scene).delays
     delays: Float = spec.start_s + spec.step_s * np.arange(spec.count, dtype=np.float64) + gated_rig(scene).t0_s
     out = np.empty((len(delays), gated_rig(scene).camera.rows * gated_rig(scene).camera.cols), dtype=np.float32)
-    start = time.perf_counter()
+    start = time.process_time()
     direct = render_direct(scene, rtol, tracer)
     render_stack(direct.returns, gate_tables(scene)[0], delays, np.ones(len(delays)), None, out)
-    return out, time.perf_counter() - start
+    return out, time.process_time() - start
 
 
 def compare(mesh: str | None, size: int, counts: list[int], seeds: int, reference: int, repeats: int) -> dict[str, Any]:
@@ -252,7 +255,7 @@ def compare(mesh: str | None, size: int, counts: list[int], seeds: int, referenc
         "reference_samples": reference, "peer": [],
     }  # fmt: skip
     refs: list[Float] = []
-    mine: dict[float, list[tuple[float, float]]] = {rtol: [] for rtol in (3e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1.5e-3, 1e-3)}
+    mine: dict[float, list[tuple[float, float]]] = {rtol: [] for rtol in (3e-2, 2e-2, 1.4e-2, 1e-2, 5e-3, 3e-3, 2e-3, 1e-3)}
     fits = []
     for divisor in (16, 32, 128):
         with tempfile.TemporaryDirectory() as folder:

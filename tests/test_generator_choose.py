@@ -1,0 +1,118 @@
+"""The choice between rungs: what it predicts against what comes out, and what it records."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beambench.generator.choose import choose, pilot_scene
+from beambench.generator.generate import generate
+from beambench.scenes.errors import InputError
+from beambench.scenes.load import load_scene
+from beambench.scenes.scene import Scene, gated_rig
+
+SMALL = {"rig.camera.rows": 24, "rig.camera.cols": 24, "rig.camera.focal_length_m": 9e-4}
+
+
+def corner(albedo: float) -> Scene:
+    half = np.sqrt(0.125)
+    walls = [
+        {
+            "name": name,
+            "shape": {
+                "kind": "rectangle", "center_m": [x, 0.0, 5.0 - half], "width_m": 1.0, "height_m": 1.0,
+                "tilt_x_deg": 0.0, "tilt_y_deg": tilt,
+            },
+            "material": {"kind": "lambert", "albedo": albedo},
+        }
+        for name, x, tilt in (("left", -half, -45.0), ("right", half, 45.0))
+    ]  # fmt: skip
+    return load_scene("flat-wall", SMALL | {"target": walls, "rig.delays.start_s": 30e-9, "rig.delays.count": 40})
+
+
+def water(absorption: float, scattering: float) -> Scene:
+    medium = {
+        "name": "water", "index": {"kind": "explicit", "phase": 1.34, "group": 1.36},
+        "absorption_per_m": absorption, "scattering_per_m": scattering,
+        "phase_function": {"kind": "fournier-forand", "index": 1.1, "slope": 3.58},
+    }  # fmt: skip
+    place = {"target.0.shape.center_m": [0.0, 0.0, 3.0], "rig.delays.start_s": 22e-9, "rig.delays.count": 40}
+    return load_scene("flat-wall", SMALL | {"medium": medium} | place)
+
+
+def electrons(scene: Scene, rung: Any, seed: int, rtol: float) -> np.ndarray[Any, Any]:
+    return generate(scene, seed=seed, fidelity=rung, rtol=rtol, truth_electrons=True)["truth_electrons"].values.astype(
+        float
+    )
+
+
+def without_ambient(scene: Scene) -> Scene:
+    rig = gated_rig(scene)
+    dark = rig.detector.model_copy(update={"dark_current_e_per_s": 0.0})
+    return scene.model_copy(update={"rig": rig.model_copy(update={"ambient_e_per_s": 0.0, "detector": dark})})
+
+
+def test_convex_scene_in_air_needs_one_bounce_and_no_pilot() -> None:
+    choice = choose(load_scene("flat-wall", SMALL), 1e-3, 1, 1)
+    assert choice.rung == "direct" and choice.predicted == {"direct": 0.0}
+
+
+@pytest.mark.parametrize(("albedo", "rtol", "rung"), [(0.8, 0.1, "full"), (0.02, 0.03, "direct"), (0.02, 2e-3, "full")])
+def test_corner(albedo: float, rtol: float, rung: str) -> None:
+    assert choose(corner(albedo), rtol, 1, 1).rung == rung
+
+
+@pytest.mark.parametrize(
+    ("absorption", "scattering", "rtol", "rung"),
+    [(0.0445, 0.0017, 0.05, "direct"), (0.114, 0.037, 0.05, "scatter"), (0.179, 0.219, 0.01, "full")],
+)
+def test_water(absorption: float, scattering: float, rtol: float, rung: str) -> None:
+    assert choose(water(absorption, scattering), rtol, 1, 1).rung == rung
+
+
+@pytest.mark.parametrize("scene", [corner(0.8), corner(0.1), water(0.114, 0.037)], ids=["bright", "dark", "water"])
+def test_predicted_error_is_the_measured_one(scene: Scene) -> None:
+    """ε of the direct rung at full resolution against two independent full captures: within a fifth of the pilot's."""
+    scene = without_ambient(scene)
+    predicted = choose(scene, 0.01, 7, 7).predicted["direct"]
+    x = electrons(scene, "direct", 1, 2e-3)
+    one, two = (electrons(scene, "full", seed, 0.02) for seed in (1, 2))
+    measured = np.sqrt(np.sum((x - one) * (x - two)) / np.sum(one * two))
+    assert predicted == pytest.approx(measured, rel=0.2)
+
+
+def test_auto_records_its_choice() -> None:
+    scene = corner(0.8)
+    capture = generate(scene, seed=2, fidelity="auto", rtol=0.05)
+    told = json.loads(capture.attrs["fidelity"])
+    assert told["rung"] == "full"
+    assert told["chosen"]["predicted_error"]["direct"] > 0.05
+    effects = {e["name"]: e for e in told["effects"]}
+    assert effects["interreflection"]["modelled"] and effects["interreflection"]["predicted_relative_size"] > 0.05
+    same = generate(scene, seed=2, fidelity="full", rtol=0.05)
+    assert np.array_equal(same["counts"].values, capture["counts"].values)
+
+
+def test_noise_as_the_limit() -> None:
+    """Ten times the light has √10 less relative noise, so a rung that passed may no longer."""
+    scene = corner(0.3)
+    limits = [
+        choose(
+            scene.model_copy(update={"rig": gated_rig(scene).model_copy(update={"pulses_per_slice": n})}), "noise", 1, 1
+        ).limit
+        for n in (1000, 10_000)
+    ]
+    assert limits[0] == pytest.approx(np.sqrt(10) * limits[1], rel=0.1)
+    assert choose(scene, "noise", 1, 1).limit > 0.02
+    with pytest.raises(InputError, match="noise"):
+        generate(scene, seed=1, fidelity="direct", rtol="noise")
+
+
+def test_pilot_sees_what_the_camera_sees() -> None:
+    scene = load_scene("flat-wall")
+    camera, small = gated_rig(scene).camera, gated_rig(pilot_scene(scene)).camera
+    assert max(small.rows, small.cols) <= 12
+    assert small.rows * small.pixel_pitch_m >= camera.rows * camera.pixel_pitch_m

@@ -1,0 +1,1 @@
+../../api/ranger_laws.py

@@ -1,0 +1,1 @@
+../../api/verb_fidelity.py
