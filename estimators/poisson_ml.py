@@ -152,11 +152,12 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     levels = (rig.offset_dn, scale * stack.frames, rig.saturation_dn)
     value, sigma = np.empty(shape), np.empty(shape)
     valid, again = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
-    even = even_design_of(stack) if stack.counts.flags.c_contiguous else None
+    even = even_design_of(stack)
     if even is not None:
         order = np.empty(stack.signal, dtype=np.int64)
         order[stack.group] = stack.slices
-        flat = stack.counts.reshape(stack.counts.shape[0], -1)
+        # One path for any layout of the array: another one would settle within its tolerance, but not on the same bits.
+        flat = np.ascontiguousarray(stack.counts).reshape(stack.counts.shape[0], -1)
         fit_even(
             flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]), even.table, even.phases, even.xi,
             even.mask, even.pad, (even.low, even.high), even.width, even.grid, even.template, even.span, even.mean,

@@ -19,7 +19,8 @@ __all__ = ["load", "mitsuba", "wheel_files"]
 
 _WHEEL = "karellen-llvm-core"
 _RUNTIME = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
-VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
+#: 14 and 15 end in "LLVM ERROR: Cannot select" on some kernels; 19 and 23 work.
+_OLDEST_LLVM = 16
 
 
 def wheel_files() -> dict[str, str]:
@@ -100,6 +101,20 @@ def load() -> dict[str, Any]:
         mi.set_variant(variant)
     mi.set_log_level(mi.LogLevel.Error)
     llvm_version = None if cuda else _llvm_version(dr)
+    if llvm_version is not None and llvm_version[0] < _OLDEST_LLVM:
+        # Better a message now than the process aborted in the middle of a rendering.
+        early = source == "imported-before"
+        raise InputError(
+            "Mitsuba was imported before beambench could choose libLLVM, and the one it found is too old."
+            if early
+            else "The libLLVM that Mitsuba found is too old: it aborts the process on some kernels.",
+            where=_mapped_llvm() or "libLLVM",
+            value=".".join(map(str, llvm_version)),
+            allowed=f"{_OLDEST_LLVM} or newer",
+            next_step="import beambench.generator.backend and call load() before importing mitsuba or drjit"
+            if early
+            else f"pip install {_WHEEL}, and unset DRJIT_LIBLLVM_PATH",
+        )
     return {
         "variant": variant,
         "llvm_version": llvm_version,

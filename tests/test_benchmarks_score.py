@@ -216,7 +216,9 @@ def test_tables_are_sorted_typed_and_whole(tmp_path: Path) -> None:
     import pandas as pd
 
     write_tables(tmp_path, table())
-    assert {p.name for p in tmp_path.iterdir()} == {"scores.csv", "scores.parquet", "accuracy.csv", "summary.csv"}
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "ranking.csv", "pairs.csv", "profiles.csv",
+    }  # fmt: skip
     again = read_rows(tmp_path / "scores.csv")
     assert [row["estimator"] for row in again] == ["a", "b"] * 4
     assert [(row["stress"], row["seed"]) for row in again[::2]] == [("none", 1), ("none", 2), ("x", 1), ("x", 2)]

@@ -93,3 +93,19 @@ def test_a_library_that_is_none_is_told(wheel: dict[str, Path], tmp_path: Path) 
     assert run.returncode == 1, f"ended with {run.returncode}: {run.stderr[-500:]}"
     assert "InputError" in run.stderr
     assert "none.so" in run.stderr
+
+
+def test_a_libllvm_that_is_too_old_is_refused_and_does_not_abort_later() -> None:
+    """Mitsuba imported first finds the system's library; 14 and 15 would end the process at some kernel."""
+    code = (
+        "import mitsuba, sys\n"
+        "from beambench.generator.backend import load\n"
+        "from beambench.scenes.errors import InputError\n"
+        "try:\n    found = load()['llvm_version']\n"
+        "except InputError as error:\n    print('refused', 'before importing' in str(error) or 'no libLLVM' in str(error))\n"
+        "else:\n    print('accepted', found[0] >= 16)\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "DRJIT_LIBLLVM_PATH"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[1] == "True"
