@@ -105,10 +105,8 @@ def echoes(
     lit = hit & (intensity > 0)
     if not coaxial and lit.any():
         lit[lit] = tracer.visible(point[:, lit], laser.position_m)
-    if coaxial:
-        a = monostatic(-np.einsum("in,in->n", hits.normal, direction))
-    else:
-        a = angles(hits.normal.T, -beam.T, -direction.T)
+    cosine = -np.einsum("in,in->n", hits.normal, direction)
+    a = monostatic(cosine) if coaxial else angles(hits.normal.T, -beam.T, -direction.T)
     reflected = np.zeros_like(r2)
     for number, item in enumerate(scene.target):
         mine = lit & (hits.target == number)

@@ -255,7 +255,9 @@ def compare(mesh: str | None, size: int, counts: list[int], seeds: int, referenc
         "reference_samples": reference, "peer": [],
     }  # fmt: skip
     refs: list[Float] = []
-    mine: dict[float, list[tuple[float, float]]] = {rtol: [] for rtol in (3e-2, 2e-2, 1.4e-2, 1e-2, 5e-3, 3e-3, 2e-3, 1e-3)}
+    mine: dict[float, list[tuple[float, float]]] = {
+        rtol: [] for rtol in (3e-2, 2e-2, 1.4e-2, 1e-2, 5e-3, 3e-3, 2e-3, 1e-3)
+    }
     fits = []
     for divisor in (16, 32, 128):
         with tempfile.TemporaryDirectory() as folder:
