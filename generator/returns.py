@@ -182,7 +182,7 @@ def _fine_table(table: Table) -> tuple[NDArray[np.float32], float, float, float]
 @kernel(parallel=True)
 def _single_returns(position, amplitude, spread, shift, gain, fine, out):  # type: ignore[no-untyped-def]
     pixels = position.size
-    block = 2048
+    block = 256  # short enough that few blocks need the second look-up, and that many see nothing of a slice
     last = np.float32(fine.size - 1)
     top = np.int32(fine.size - 2)
     zero = np.float32(0.0)
@@ -191,22 +191,30 @@ def _single_returns(position, amplitude, spread, shift, gain, fine, out):  # typ
         begin = b * block
         end = min(begin + block, pixels)
         widest = zero
+        early = np.float32(np.inf)
+        late = np.float32(-np.inf)
         for p in range(begin, end):
-            widest = max(widest, spread[p])
+            if amplitude[p] > zero:
+                widest = max(widest, spread[p])
+                early = min(early, position[p])
+                late = max(late, position[p])
         for k in range(shift.size):
-            late = shift[k]
+            x0 = shift[k]
             g = gain[k]
             row = out[k]
-            if widest == zero:
+            if late - x0 + widest <= zero or early - x0 - widest >= last:
                 for p in range(begin, end):
-                    x = min(max(position[p] - late, zero), last)
+                    row[p] = zero
+            elif widest == zero:
+                for p in range(begin, end):
+                    x = min(max(position[p] - x0, zero), last)
                     i = min(np.int32(x), top)
                     low = fine[i]
                     row[p] = g * amplitude[p] * (low + (x - np.float32(i)) * (fine[i + 1] - low))
             else:
                 for p in range(begin, end):
-                    x = min(max(position[p] - late - spread[p], zero), last)
-                    y = min(max(position[p] - late + spread[p], zero), last)
+                    x = min(max(position[p] - x0 - spread[p], zero), last)
+                    y = min(max(position[p] - x0 + spread[p], zero), last)
                     i = min(np.int32(x), top)
                     j = min(np.int32(y), top)
                     low = fine[i]
