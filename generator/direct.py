@@ -67,6 +67,8 @@ def render_direct(
     rtol: float,
     tracer: Tracer | None = None,
     halo: Callable[[Float, Float], Float] | None = None,
+    *,
+    with_truth: bool = True,
 ) -> DirectScene:
     """Trace the scene and gather its echoes.
 
@@ -76,6 +78,7 @@ def render_direct(
     Other arguments:
         tracer: reuse an earlier one (same target).
         halo: intensity added to the beam's own, as in `echoes`.
+        with_truth: also gather the truth; without it `truth` is empty.
     """
     tracer = tracer or Tracer(scene)
     camera = gated_rig(scene).camera
@@ -85,17 +88,11 @@ def render_direct(
     direction = pixel_directions(camera, row, col)
     hits = tracer.trace((0.0, 0.0, 0.0), direction)
     echo = echoes(scene, tracer, direction, hits, halo)
-    # A uniform spread over the pixel along both axes: variance (g_row² + g_col²)/12.
-    spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0)
     shape = (rows, cols)
     amplitude, tau, per_row, per_col = (
         a.reshape(shape) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
     )
-    error, bright = centre_error(amplitude, tau, per_row, per_col, sigma)
-    # Where the echo brightens toward later times, its centroid is later than the centre ray's: Σ (∂a/a)(∂τ)/12.
-    slope_row, slope_col = (_relative_slope(amplitude, axis).ravel() for axis in (0, 1))
-    centroid = echo.tau + (slope_row * echo.tau_per_row + slope_col * echo.tau_per_col) / 12.0
-    pixel = np.arange(rows * cols, dtype=np.int64)
+    error, bright, shift, spread = centre_error(amplitude, tau, per_row, per_col, sigma)
     single = np.ones(rows * cols, dtype=bool)
     parts: list[tuple[Any, ...]] = []
     rays = rows * cols
@@ -111,23 +108,14 @@ def render_direct(
         sub_spread = np.sqrt((sub.tau_per_row**2 + sub.tau_per_col**2) / 12.0) / n
         parts.append((np.repeat(group.pixel, n * n), sub.amplitude / (n * n), sub.tau, sub_spread))
         rays += len(sub_row)
-    parts.append((pixel[single], echo.amplitude[single], centroid[single], spread[single]))
-    owner, light, when, width = (np.concatenate([p[i] for p in parts]) for i in (0, 1, 2, 3))
-    returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma)
+    empty = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+    owner, light, when, width = (np.concatenate([p[i] for p in parts or [empty]]) for i in (0, 1, 2, 3))
+    alone = (single, echo.amplitude, echo.tau + shift.ravel(), spread.ravel())
+    returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma, alone)
+    if not with_truth:
+        return DirectScene(returns, {}, rays)
     truth = _truth(scene, direction, hits, echo, returns, first, last, fwhm)
     return DirectScene(returns, {name: _shaped(value, shape) for name, value in truth.items()}, rays)
-
-
-def _relative_slope(amplitude: Float, axis: int) -> Float:
-    """(∂a/∂pixel)/a along an axis by central differences; zero where there is no light or no neighbour."""
-    slope = np.zeros_like(amplitude)
-    if amplitude.shape[axis] > 2:
-        middle = [slice(None), slice(None)]
-        middle[axis] = slice(1, -1)
-        ahead, behind = np.roll(amplitude, -1, axis), np.roll(amplitude, 1, axis)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slope[tuple(middle)] = (0.5 * (ahead - behind) / amplitude)[tuple(middle)]
-    return np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _shaped(value: Any, shape: tuple[int, int]) -> Any:

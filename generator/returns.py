@@ -32,18 +32,28 @@ class Returns:
 
 
 def gather_returns(
-    pixels: int, pixel: Int, amplitude: Float, tau: Float, spread: Float, width_s: float
+    pixels: int,
+    pixel: Int,
+    amplitude: Float,
+    tau: Float,
+    spread: Float,
+    width_s: float,
+    alone: tuple[NDArray[np.bool_], Float, Float, Float] | None = None,
 ) -> tuple[Returns, Float, Float]:
     """Merge samples into returns.
 
     Main arguments:
         pixels: number of pixels; `pixel` (n): owner of each sample; samples of zero amplitude are dropped.
         width_s: samples of a pixel within this time of the first of a group become one return.
+    Other arguments:
+        alone: (mask, amplitude, tau, spread) over all pixels: those that one sample stands for, in place of samples.
 
     Returns the returns and, per pixel, the first and last time that carries light (NaN where there is none).
     """
     order, start = _order(pixels, pixel, amplitude, tau)
-    out = _merge(pixels, start, order, amplitude, tau, spread, width_s)
+    if alone is None:
+        alone = (np.zeros(pixels, dtype=np.bool_), np.zeros(0), np.zeros(0), np.zeros(0))
+    out = _merge(pixels, start, order, amplitude, tau, spread, width_s, *alone)
     return Returns(*out[:4]), out[4], out[5]
 
 
@@ -79,8 +89,8 @@ def _order(pixels, pixel, amplitude, tau):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _merge(pixels, begin, order, amplitude, tau, spread, width):  # type: ignore[no-untyped-def]
-    n = order.size
+def _merge(pixels, begin, order, amplitude, tau, spread, width, alone, one_a, one_t, one_s):  # type: ignore[no-untyped-def]
+    n = order.size + one_a.size
     start = np.zeros(pixels + 1, dtype=np.int64)
     out_a = np.empty(n)
     out_t = np.empty(n)
@@ -91,6 +101,13 @@ def _merge(pixels, begin, order, amplitude, tau, spread, width):  # type: ignore
     half_width = 1.7320508075688772  # a uniform spread reaches √3 σ to either side
     for p in range(pixels):
         start[p] = made
+        if alone[p]:
+            if one_a[p] > 0.0:
+                out_a[made], out_t[made], out_s[made] = one_a[p], one_t[p], one_s[p]
+                first[p] = one_t[p] - half_width * one_s[p]
+                last[p] = one_t[p] + half_width * one_s[p]
+                made += 1
+            continue
         i = begin[p]
         while i < begin[p + 1]:
             origin = tau[order[i]]
@@ -115,7 +132,7 @@ def _merge(pixels, begin, order, amplitude, tau, spread, width):  # type: ignore
             out_s[made] = np.sqrt(max(a2 / a0 - mean * mean, 0.0))
             made += 1
     start[pixels] = made
-    return start, out_a[:made].copy(), out_t[:made].copy(), out_s[:made].copy(), first, last
+    return start, out_a[:made], out_t[:made], out_s[:made], first, last
 
 
 #: Cells of the fine table per cell of the given one: linear interpolation then errs by about 2e-6 of R's peak.

@@ -37,8 +37,11 @@ class SubsamplePlan:
     n: int
 
 
-def centre_error(amplitude: Float, tau: Float, per_row: Float, per_col: Float, sigma_s: float) -> tuple[Float, Float]:
-    """Relative error q of each pixel's centre ray, predicted from its eight neighbours, and the brightness w near it.
+def centre_error(
+    amplitude: Float, tau: Float, per_row: Float, per_col: Float, sigma_s: float
+) -> tuple[Float, Float, Float, Float]:
+    """Relative error q of each pixel's centre ray, predicted from its eight neighbours, and the brightness w near it;
+    and what one ray stands for: the shift of the echo's centroid from its own time, and the time's spread (1 σ), s.
 
     Main arguments (rows, cols):
         amplitude: photoelectrons of the centre ray, 0 where nothing is seen; tau: its time, s.
@@ -46,6 +49,8 @@ def centre_error(amplitude: Float, tau: Float, per_row: Float, per_col: Float, s
 
     A jump of the time by σ changes R by about itself; a jump of the amplitude counts by its share of the brighter side.
     On a surface without jump two neighbours differ by the mean of their gradients, give or take half the difference.
+    Over a pixel the time is spread evenly along both axes: variance (g_row² + g_col²)/12. Where the echo brightens
+    toward later times, its centroid is later than the centre ray's: Σ (∂a/a)(∂τ)/12.
     """
     padded = [np.pad(a, 1, mode="edge") for a in (amplitude, tau, per_row, per_col)]
     for a, original in zip(padded[:2], (amplitude, tau), strict=True):  # borders continue linearly: no false jump
@@ -58,13 +63,13 @@ def centre_error(amplitude: Float, tau: Float, per_row: Float, per_col: Float, s
                 a[tuple(first)] = 2 * a[tuple(one)] - a[tuple(two)]
                 a[tuple(last)] = 2 * a[tuple(before)] - a[tuple(before2)]
     error = np.zeros_like(amplitude)
-    bright = np.zeros_like(amplitude)
-    _centre_error(*padded, 1.0 / sigma_s, error, bright)
-    return error, bright
+    bright, shift, spread = np.zeros_like(amplitude), np.zeros_like(amplitude), np.zeros_like(amplitude)
+    _centre_error(*padded, 1.0 / sigma_s, error, bright, shift, spread)
+    return error, bright, shift, spread
 
 
 @kernel(parallel=True)
-def _centre_error(a, t, gr, gc, inv_sigma, error, bright):  # type: ignore[no-untyped-def]
+def _centre_error(a, t, gr, gc, inv_sigma, error, bright, shift, spread):  # type: ignore[no-untyped-def]
     rows, cols = error.shape
     for i in prange(rows):
         for j in range(cols):
@@ -93,9 +98,14 @@ def _centre_error(a, t, gr, gc, inv_sigma, error, bright):  # type: ignore[no-un
                         jump = max(jump, min(step, 1.0))
                         worst = max(worst, _CREASE * share * min(bend * inv_sigma, 1.0))
                     worst = max(worst, _EDGE * share * jump)
-            spread = (gr[p, q] * gr[p, q] + gc[p, q] * gc[p, q]) / 12.0 * inv_sigma * inv_sigma
+            variance = (gr[p, q] * gr[p, q] + gc[p, q] * gc[p, q]) / 12.0
+            spread[i, j] = np.sqrt(variance)
+            if here > 0.0:
+                turn = (a[p + 1, q] - a[p - 1, q]) * gr[p, q] + (a[p, q + 1] - a[p, q - 1]) * gc[p, q]
+                shift[i, j] = turn / (24.0 * here)
+            variance *= inv_sigma * inv_sigma
             # Two-point quadrature of a uniform spread s leaves about (s/σ)⁴/20 of R.
-            error[i, j] = max(worst, min(spread * spread / 20.0, 1.0))
+            error[i, j] = max(worst, min(variance * variance / 20.0, 1.0))
             bright[i, j] = top
 
 

@@ -77,6 +77,9 @@ def kernel(*args: Any, **options: Any) -> Any:
 
     Main arguments: those of `numba.njit`. `cache` is on unless switched off.
     """
+    # Mitsuba's threads and Numba's share the cores: threads that spin while they wait would slow the others by a third.
+    # Read by the OpenMP runtime as it loads; a user's own choice stands.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import numba
 
     # The locator is chosen when the function is decorated, so the folder is set just before.

@@ -247,7 +247,7 @@ def ours(
         out = np.zeros((len(delays), gated_rig(scene).camera.rows * gated_rig(scene).camera.cols), dtype=np.float32)
     out.fill(0.0)  # memory is the process's already, as the peer's is: its allocator keeps what it had
     start = _clock()
-    direct = render_direct(scene, rtol, tracer)
+    direct = render_direct(scene, rtol, tracer, with_truth=False)  # the peer makes none
     render_stack(direct.returns, gate_tables(scene)[0], delays, np.ones(len(delays)), None, out)
     return out, _clock() - start
 
