@@ -166,14 +166,14 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
         )  # fmt: skip
     else:
         again[:] = True
-    if again.any():
-        design = design_of(stack)
-        units = (factor * design.origin_s, factor * design.step_s)
-        _fit_rows(
-            stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first,
-            design.last, (design.low, design.high, design.width, floor), design.candidates, design.box, design.mean,
-            design.norm, min_snr, units, value, sigma, valid, again,
-        )  # fmt: skip
+    # Also where no pixel needs it: what is compiled does not depend on the data, so a warm-up is one.
+    design = design_of(stack)
+    units = (factor * design.origin_s, factor * design.step_s)
+    _fit_rows(
+        stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first,
+        design.last, (design.low, design.high, design.width, floor), design.candidates, design.box, design.mean,
+        design.norm, min_snr, units, value, sigma, valid, again,
+    )  # fmt: skip
     if direct:
         valid &= value > 0
         if not valid.all():
