@@ -257,5 +257,7 @@ def test_memory_is_flat(tmp_path: Path) -> None:
     )
     few, many = map(float, done.stdout.split())
     # Peak in captures: the one in hand, its copy, codec buffers. Fifty more add their marks only (< 4 kB each).
-    assert many < few + 0.5, (few, many)
-    assert many < 6, (few, many)
+    # Which buffers of the store's threads are alive at once is chance, on a busy machine up to two captures' worth;
+    # memory that grew would hold fifty more.
+    assert many < few + 2, (few, many)
+    assert many < 8, (few, many)
