@@ -151,12 +151,7 @@ def beam_angle(spec: Illumination, beam: Float) -> Float:
 
 def beam_intensity(spec: Illumination, beam: Float) -> Float:
     """Radiant intensity of the beam along unit directions (3, n), per unit power [1/sr]."""
-    theta = beam_angle(spec, beam)
-    if spec.profile == "gaussian":
-        return illumination.gaussian_intensity(theta, spec.half_angle_rad)
-    if spec.profile == "flat-top":
-        return illumination.flat_top_intensity(theta, spec.half_angle_rad)
-    return illumination.measured_intensity(theta, spec.half_angle_rad, np.asarray(spec.radial_value))
+    return illumination.beam_intensity(spec.profile, beam_angle(spec, beam), spec.half_angle_rad, spec.radial_value)
 
 
 def _path_gradient(scene: Scene, direction: Float, normal: Float, r2: Float, beam: Float) -> tuple[Float, Float]:
