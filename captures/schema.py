@@ -119,6 +119,14 @@ def _camera_extras(expectation_dims: str) -> tuple[Variable, ...]:
     )
 
 
+#: Shares of the lamp's light, kept apart on request: their sum is all of it.
+_LIGHT = {
+    "direct": "one surface",
+    "interreflection": "several surfaces",
+    "single": "scattered once by the medium, no surface",
+    "multiple": "scattered, and not once alone",
+}
+
 _GATED = (
     _data("counts", "slice row col", _COUNTS, "DN", "digital counts of the slices", channel=True),
     _coord("delay", "slice", _REAL, "s", "gate's opening half-height edge minus the pulse centroid, at the camera"),
@@ -142,6 +150,14 @@ _GATED = (
     _truth(
         "truth_background", "slice row col", _REAL, "electron", "ambient and dark electrons of the slice",
         required=False, channel=True, also=(("slice",), ("row", "col")),
+    ),
+    _truth(
+        "truth_standard_error", "row col", _REAL, "electron", "standard error of the path-traced light, at an open gate",
+        required=False,
+    ),
+    *(
+        _truth(f"truth_{name}", "slice row col", _MAP, "electron", f"expected light: {told}", required=False)
+        for name, told in _LIGHT.items()
     ),
     *_camera_extras("slice row col"),
 )  # fmt: skip

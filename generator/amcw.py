@@ -8,34 +8,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..captures.build import make_capture
-from ..scenes.declare import declared_rig
+from ..optics.constants import C_M_PER_S
+from ..scenes.declare import declared_rig, group_index
 from ..scenes.rig import Detector
 from ..scenes.rig_amcw import AmcwDetector
 from ..scenes.scene import Scene, amcw_rig
 from .detector import detect, fixed_pattern
-from .footprint import Footprint, footprint, rays_for, shot_angles
+from .footprint import Footprint, rays_for
 from .random import Stage, blocks, generator
 from .ranger_capture import ranger_attributes, warn_about
 from .ranger_effects import amcw_effects
+from .ranger_scatter import Ramp, ranger_light
 from .trace import Tracer
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["amcw_detector", "amcw_footprint", "expected_samples", "generate_amcw", "phase_steps"]
+__all__ = ["amcw_detector", "expected_ramp", "expected_samples", "generate_amcw", "phase_steps", "ramp_reach"]
 
 Float = NDArray[np.float64]
 
 
 def generate_amcw(
-    scene: Scene, *, seed: int, key: int, rtol: float, truth_electrons: bool, tracer: Tracer | None
+    scene: Scene,
+    *,
+    seed: int,
+    key: int,
+    rtol: float,
+    truth_electrons: bool,
+    tracer: Tracer | None,
+    rung: str = "direct",
 ) -> xr.Dataset:
     """One AMCW capture with its truth. Arguments as for `generate`; called by it."""
     rig = amcw_rig(scene)
     rays = rays_for(rtol)
-    beam = amcw_footprint(scene, rays, tracer)
+    beam, ramp = ranger_light(scene, rays, tracer, rung, **ramp_reach(scene))
     signal, background = expected_samples(scene, beam, seed, key)
-    expected = (signal + background).astype(np.float32)
+    veil = np.zeros(1) if ramp is None else expected_ramp(scene, ramp, seed, key)
+    expected = (signal + background + veil).astype(np.float32)
     shots, frequencies, phases = expected.shape
     detector = amcw_detector(rig.detector)
     flat = np.ascontiguousarray(expected.reshape(shots, -1).T)[:, :, None]
@@ -47,8 +57,8 @@ def generate_amcw(
     }
     if truth_electrons:
         truth["truth_electrons"] = expected
-    effects = amcw_effects(scene, beam, truth["truth_range"])
-    warn_about(scene, float(signal.max()), "the field of view", effects)
+    effects = amcw_effects(scene, beam, truth["truth_range"], rung)
+    warn_about(scene, float(signal.max()), "the field of view", effects, rung)
     return make_capture(
         "amcw",
         data={"samples": np.ascontiguousarray(counts).reshape(shots, frequencies, phases)},
@@ -59,7 +69,7 @@ def generate_amcw(
             "valid": True,
         },
         truth=truth,
-        attrs=ranger_attributes(scene, declared, seed, key, rtol, rays * rig.shots, effects, truth_electrons),
+        attrs=ranger_attributes(scene, declared, seed, key, rtol, beam.tau.size, effects, truth_electrons, rung),
     )
 
 
@@ -68,20 +78,11 @@ def phase_steps(count: int) -> Float:
     return 2.0 * np.pi * np.arange(count) / count
 
 
-def amcw_footprint(scene: Scene, rays: int, tracer: Tracer | None = None) -> Footprint:
-    """The footprint of every shot of an AMCW scene."""
+def ramp_reach(scene: Scene) -> dict[str, float]:
+    """Cells of the ramp, a quarter radian of the fastest modulation long, and no end: a mixer sees all ranges."""
     rig = amcw_rig(scene)
-    return footprint(
-        scene,
-        tracer or Tracer(scene),
-        wavelength_m=rig.laser.wavelength_m,
-        illumination=rig.laser.illumination,
-        receiver=rig.receiver,
-        detector_diameter_m=rig.detector.active_diameter_m,
-        quantum_efficiency=rig.detector.quantum_efficiency,
-        angle_rad=shot_angles(rig.shots, rig.scan_half_angle_rad),
-        rays=rays,
-    )
+    speed = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
+    return {"step_m": 0.25 * speed / (2.0 * np.pi * max(rig.modulation.frequencies_hz)), "furthest_m": float("inf")}
 
 
 def expected_samples(scene: Scene, beam: Footprint, seed: int, key: int) -> tuple[Float, float]:
@@ -91,23 +92,39 @@ def expected_samples(scene: Scene, beam: Footprint, seed: int, key: int) -> tupl
     fluctuates as a whole.
     """
     rig = amcw_rig(scene)
+    background = (0.5 * rig.ambient_e_per_s + rig.detector.dark_e_per_s) * rig.modulation.integration_s
+    return _mixed(scene, beam.amplitude, beam.tau, np.zeros(1), seed, key), background
+
+
+def expected_ramp(scene: Scene, ramp: Ramp, seed: int, key: int) -> Float:
+    """Expected photoelectrons of the water's backscatter (shot, frequency, phase): the Fourier component of its ramp."""
+    return _mixed(scene, ramp.amplitude, ramp.tau, ramp.spread, seed, key)
+
+
+def _mixed(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, key: int) -> Float:
+    """Samples (shot, frequency, phase) of `light` per watt and second (shot, n) that arrives at `tau` ± `spread`.
+
+    Light spread by s about its mean time keeps the share e^{−(ωs)²/2} of its modulation.
+    """
+    rig = amcw_rig(scene)
     power = np.ones(rig.shots)
     for block, part in blocks(rig.shots):
         if rig.laser.power_fluctuation:
             draw = generator(seed, key, Stage.ENERGY, block).standard_normal(part.stop - part.start)
             power[part] = np.maximum(1 + rig.laser.power_fluctuation * draw, 0.0)
     modulation = rig.modulation
-    amplitude = beam.amplitude * (power * rig.laser.power_w * modulation.integration_s)[:, None]
+    amplitude = light * (power * rig.laser.power_w * modulation.integration_s)[:, None]
     depth = 0.5 * rig.laser.modulation_depth * rig.detector.demodulation_contrast
     phase = phase_steps(modulation.phase_steps)
     total = amplitude.sum(axis=1)
     out = np.empty((rig.shots, len(modulation.frequencies_hz), modulation.phase_steps))
     for number, frequency in enumerate(modulation.frequencies_hz):
-        phasor = (amplitude * np.exp(2j * np.pi * frequency * (beam.tau - rig.t0_s))).sum(axis=1)
+        omega = 2.0 * np.pi * frequency
+        kept = np.exp(-0.5 * (omega * spread) ** 2)
+        phasor = (amplitude * kept * np.exp(1j * omega * (tau - rig.t0_s))).sum(axis=1)
         wave = (phasor[:, None] * np.exp(-1j * phase)[None, :]).real
         out[:, number] = 0.5 * (total[:, None] + depth * wave)
-    background = (0.5 * rig.ambient_e_per_s + rig.detector.dark_e_per_s) * modulation.integration_s
-    return out, background
+    return out
 
 
 def amcw_detector(spec: AmcwDetector) -> Detector:

@@ -6,8 +6,8 @@ Returns the echoes of every pixel (`Returns`) and the truth; the stack follows b
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,15 @@ from ..optics.constants import C_M_PER_S
 from ..optics.correlation import Table, correlation_support, lookup, tabulate
 from ..scenes.declare import group_index, optics_gate, optics_pulse
 from ..scenes.scene import Scene, gated_rig
-from .echo import albedo_at_normal, echoes
+from .echo import Echoes, albedo_at_normal, echoes, without_diffuse
 from .returns import Returns, gather_returns
 from .subsampling import centre_error, lattice, plan
-from .trace import Tracer, pixel_directions
+from .trace import Hits, Tracer, pixel_directions
 
 __all__ = ["DirectScene", "gate_tables", "render_direct", "response_width_s"]
 
 Float = NDArray[np.float64]
+Rays = TypeVar("Rays", Hits, Echoes)
 
 #: Samples within this many σ of R become one return.
 _MERGE_SIGMAS = 0.25
@@ -84,15 +85,17 @@ def render_direct(
     camera = gated_rig(scene).camera
     rows, cols = camera.rows, camera.cols
     sigma, fwhm = response_width_s(scene)
-    row, col = (a.ravel() for a in np.mgrid[:rows, :cols])
-    direction = pixel_directions(camera, row, col)
+    # One ring of rays around the image tells of edges in its outermost pixels.
+    ring = (rows + 2, cols + 2)
+    wide_row, wide_col = (a.ravel() - 1 for a in np.mgrid[: ring[0], : ring[1]])
+    direction = pixel_directions(camera, wide_row, wide_col)
     hits = tracer.trace((0.0, 0.0, 0.0), direction)
     echo = echoes(scene, tracer, direction, hits, halo)
-    shape = (rows, cols)
     amplitude, tau, per_row, per_col = (
-        a.reshape(shape) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
+        a.reshape(ring) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
     )
     error, bright, shift, spread = centre_error(amplitude, tau, per_row, per_col, sigma)
+    row, col = (a.ravel() for a in np.mgrid[:rows, :cols])
     single = np.ones(rows * cols, dtype=bool)
     parts: list[tuple[Any, ...]] = []
     rays = rows * cols
@@ -110,16 +113,38 @@ def render_direct(
         rays += len(sub_row)
     empty = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
     owner, light, when, width = (np.concatenate([p[i] for p in parts or [empty]]) for i in (0, 1, 2, 3))
-    alone = (single, echo.amplitude, echo.tau + shift.ravel(), spread.ravel())
+    inner = (slice(1, -1), slice(1, -1))
+    alone = (single, amplitude[inner].ravel(), (tau[inner] + shift).ravel(), spread.ravel())
     returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma, alone)
     if not with_truth:
         return DirectScene(returns, {}, rays)
-    truth = _truth(scene, direction, hits, echo, returns, first, last, fwhm)
-    return DirectScene(returns, {name: _shaped(value, shape) for name, value in truth.items()}, rays)
+    image = (_cropped(direction, ring), _inner(hits, ring), _inner(echo, ring))
+    truth = _truth(scene, *image, returns, first, last, fwhm)
+    return DirectScene(returns, {name: _shaped(value, (rows, cols)) for name, value in truth.items()}, rays)
+
+
+def _cropped(value: NDArray[Any], ring: tuple[int, int]) -> NDArray[Any]:
+    """Values (…, n) of the rays of an image and the ring around it: those of the image alone."""
+    wide = value.reshape(*value.shape[:-1], *ring)
+    return wide[..., 1:-1, 1:-1].reshape(*value.shape[:-1], -1)
+
+
+def _inner(rays: Rays, ring: tuple[int, int]) -> Rays:
+    return replace(rays, **{f.name: _cropped(getattr(rays, f.name), ring) for f in fields(rays)})
 
 
 def _shaped(value: Any, shape: tuple[int, int]) -> Any:
     return value.reshape(*shape, *value.shape[1:])
+
+
+def _albedo(scene: Scene, hits: Hits) -> Float:
+    """Hemispherical albedo at normal incidence of what each ray hits, texture included; NaN where it hits nothing."""
+    whole = np.array([*(albedo_at_normal(item.material) for item in scene.target), np.nan])[hits.target]
+    if not any(item.texture for item in scene.target):
+        return whole
+    gloss = [albedo_at_normal(without_diffuse(i.material) if i.texture else i.material) for i in scene.target]
+    bare = np.array([*gloss, np.nan])[hits.target]
+    return np.asarray(bare + hits.shade * (whole - bare))
 
 
 def _truth(
@@ -129,7 +154,7 @@ def _truth(
     hit = hits.target >= 0
     half = C_M_PER_S / (2.0 * group_index(scene.medium, gated_rig(scene).laser.wavelength_m))
     distance = np.where(hit, hits.distance, np.nan)
-    materials = [albedo_at_normal(item.material) for item in scene.target]
+    albedo = _albedo(scene, hits)
     owners = np.repeat(np.arange(len(hit)), np.diff(returns.start))
     amplitude = np.bincount(owners, weights=returns.amplitude, minlength=len(hit))
     # Half the path is the radial range of a coaxial rig; a bistatic rig's offset is taken from the centre ray.
@@ -139,7 +164,7 @@ def _truth(
         "truth_depth": distance * direction[2],
         "truth_incidence": np.where(hit, np.arccos(np.clip(echo.cos_view, -1.0, 1.0)), np.nan),
         "truth_normal": np.where(hit, hits.normal, np.nan).T.astype(np.float32),
-        "truth_albedo": np.where(hit, np.asarray([*materials, np.nan])[hits.target], np.nan).astype(np.float32),
+        "truth_albedo": albedo.astype(np.float32),
         "truth_material": hits.target.astype(np.int32),
         "truth_mixed": np.nan_to_num(last - first) > _MIXED_FRACTION * fwhm,
         "truth_first": first * half - offset,

@@ -18,10 +18,19 @@ from ..optics.constants import C_M_PER_S
 from ..scenes.declare import group_index
 from ..scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
 from ..scenes.rig import Illumination
-from ..scenes.scene import Scene, gated_rig
+from ..scenes.scene import Scene, TargetObject, gated_rig
 from .trace import Hits, Tracer
 
-__all__ = ["Echoes", "albedo_at_normal", "beam_angle", "beam_intensity", "echoes", "response"]
+__all__ = [
+    "Echoes",
+    "albedo_at_normal",
+    "beam_angle",
+    "beam_intensity",
+    "echoes",
+    "response",
+    "textured_response",
+    "without_diffuse",
+]
 
 Float = NDArray[np.float64]
 
@@ -68,6 +77,21 @@ def response(material: Material) -> Callable[[Angles], Float]:
     )
 
 
+def textured_response(item: TargetObject, a: Angles, shade: Float) -> Float:
+    """The response f·cosθi [1/sr] of an object, its diffuse part times `shade`, the texture's value."""
+    whole = response(item.material)(a)
+    if item.texture is None:
+        return whole
+    gloss = response(without_diffuse(item.material))(a)
+    return np.asarray(gloss + shade * (whole - gloss))
+
+
+def without_diffuse(material: Material) -> Material:
+    """The material's gloss alone."""
+    name = {"lambert": "albedo", "chua": "k_d"}.get(material.kind, "diffuse_albedo")
+    return material.model_copy(update={name: 0.0})
+
+
 def albedo_at_normal(material: Material) -> float:
     """Hemispherical albedo of the material at normal incidence."""
     if isinstance(material, Lambert):
@@ -112,7 +136,7 @@ def echoes(
         mine = lit & (hits.target == number)
         if mine.any():
             part = Angles(a.cos_i[mine], a.cos_o[mine], a.cos_h[mine], a.cos_d[mine], a.cos_r[mine])
-            reflected[mine] = response(item.material)(part)
+            reflected[mine] = textured_response(item, part, hits.shade[mine])
     amplitude = rig.pulses_per_slice * ladar.pixel_photoelectrons(
         pulse_energy_j=laser.pulse_energy_j,
         intensity_per_sr=intensity,
@@ -140,10 +164,9 @@ def echoes(
 
 def beam_angle(spec: Illumination, beam: Float) -> Float:
     """Angle [rad] of unit directions (3, n) from the beam's axis."""
-    ax, ay = spec.offset_rad
-    if ax == 0 and ay == 0:
+    if not any(spec.offset_rad):
         return np.asarray(np.arctan2(np.hypot(beam[0], beam[1]), beam[2]))
-    axis = np.array([np.sin(ax) * np.cos(ay), np.sin(ay), np.cos(ax) * np.cos(ay)])
+    axis = illumination.beam_axis(spec.offset_rad)
     # atan2 of cross and dot keeps full accuracy near the axis, where arccos loses half the digits.
     cross = np.cross(axis, beam, axisa=0, axisb=0, axisc=0)
     return np.asarray(np.arctan2(np.sqrt(np.einsum("in,in->n", cross, cross)), axis @ beam))

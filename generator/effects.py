@@ -13,6 +13,7 @@ from ..scenes.scene import Scene, gated_rig
 from ..scenes.shapes import Rectangle, Sphere
 from .direct import DirectScene
 from .echo import albedo_at_normal
+from .returns import depth_of_pixels
 
 __all__ = ["catalogue", "interreflection"]
 
@@ -51,8 +52,22 @@ def catalogue(scene: Scene, direct: DirectScene, rung: str = "direct") -> list[d
         effect("phosphor spread", tube is not None and tube.phosphor_sigma_px > 0, None, "Gaussian"),
         effect("microchannel-plate saturation", False, None if tube is not None else 0.0, "not modelled"),
         effect("speckle", False, None, "not modelled; contrast 1/√M"),
-        effect("motion between slices", False, 0.0, "scene and rig are still"),
+        effect("motion between slices", *_motion(scene)),
+        effect(
+            "a second surface in every pixel", rig.screen is not None, 0.0 if rig.screen is None else None, "screen"
+        ),
     ]
+
+
+def _motion(scene: Scene) -> tuple[bool, float, str]:
+    """Whether the rig moves, and the displacement over the capture over the range."""
+    rig = gated_rig(scene)
+    if rig.motion_m_per_s is None:
+        return False, 0.0, "scene and rig are still"
+    slices = len(rig.gates) * rig.delays.count * rig.delays.repeats + rig.delays.laser_off
+    travel = float(np.linalg.norm(rig.motion_m_per_s)) * slices * rig.detector.exposure_s
+    nearest = min(item.shape.center_m[2] for item in scene.target)
+    return True, travel / nearest, "displacement over the capture relative to the target's distance"
 
 
 def _scattering(
@@ -69,7 +84,7 @@ def _scattering(
             ("forward-scattered light", there, forward, "e^(2br) − 1, wide beam"),
             ("volume backscatter", there, size, basis),
             ("halo from outside the view", rung == "full", size, basis),
-            ("delay of scattered light", rung == "full", size, basis),
+            ("delay of scattered light", there, size, basis),
             ("multiple scattering", rung == "full", size, basis),
         ]
     from . import scatter_size
@@ -78,6 +93,7 @@ def _scattering(
     lit = amplitude[amplitude > 0]
     middle = float(np.median(lit)) if lit.size else 0.0
     back = scatter_size.backscatter_size(scene, phase, typical, middle, rung == "scatter")
+    delay = scatter_size.delay_size(scene, phase, typical, depth_of_pixels(direct.returns))
     return [
         (
             "forward-scattered light", there, scatter_size.forward_size(scene, phase, typical),
@@ -89,10 +105,10 @@ def _scattering(
         ),
         (
             "halo from outside the view", rung == "full", scatter_size.outside_size(scene, phase, typical),
-            "halo beyond half the image's width, of all light",
+            "halo from beyond the widened image, of all light; rms over the image",
         ),
-        ("delay of scattered light", rung == "full", scatter_size.delay_size(scene, phase, typical), "br²⟨ψ²⟩/6 over σ of R"),
-        ("multiple scattering", rung == "full", scatter_size.multiple_size(scene, phase, typical), "1 − e^(−2b(1 − g)r)"),
+        ("delay of scattered light", there, delay, "rms over slices of the echo with against without it"),
+        ("multiple scattering", rung == "full", scatter_size.multiple_size(delay), "half the delay's size"),
     ]  # fmt: skip
 
 

@@ -10,6 +10,7 @@ angle ΔΩ contributes
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,16 @@ from numpy.typing import NDArray
 from ..optics import ladar
 from ..optics.brdf_angles import Angles, angles
 from ..optics.constants import C_M_PER_S
+from ..optics.illumination import beam_rotation
 from ..scenes.declare import group_index
 from ..scenes.rig import Illumination
-from ..scenes.rig_waveform import Receiver
-from ..scenes.scene import Scene
-from .echo import beam_intensity, response
+from ..scenes.rig_amcw import AmcwRig
+from ..scenes.rig_waveform import Receiver, WaveformRig
+from ..scenes.scene import Scene, waveform_rig
+from .echo import beam_intensity, textured_response
 from .trace import Tracer
 
-__all__ = ["Footprint", "footprint", "rays_for", "shot_angles", "sunflower_cone"]
+__all__ = ["Footprint", "Halo", "Ranger", "ranger_footprint", "rays_for", "shot_angles", "sunflower_cone", "turned"]
 
 Float = NDArray[np.float64]
 
@@ -66,26 +69,75 @@ def sunflower_cone(half_angle_rad: float, rays: int) -> tuple[Float, float]:
     return direction, 4.0 * np.pi * float(np.sin(0.5 * half_angle_rad)) ** 2 / rays
 
 
-def footprint(
-    scene: Scene,
-    tracer: Tracer,
-    *,
-    wavelength_m: float,
-    illumination: Illumination,
-    receiver: Receiver,
-    detector_diameter_m: float,
-    quantum_efficiency: float,
-    angle_rad: Float,
-    rays: int,
-) -> Footprint:
-    """Trace the rays of shots at `angle_rad` (shot)."""
-    field = float(np.arctan2(0.5 * detector_diameter_m, receiver.focal_length_m))
-    local, solid_angle = _cone(illumination, field, rays)
-    intensity = beam_intensity(illumination, local)
-    intensity = np.where(np.arctan2(np.hypot(local[0], local[1]), local[2]) <= field * (1 + 1e-12), intensity, 0.0)
-    axes = _turned(np.array([[0.0], [0.0], [1.0]]), angle_rad)[:, :, 0]
+@dataclass(frozen=True)
+class Ranger:
+    """What the two rangers have in common: one beam, one lens, one detector, and the `angle_rad` of their shots."""
+
+    wavelength_m: float
+    illumination: Illumination
+    receiver: Receiver
+    detector_diameter_m: float
+    quantum_efficiency: float
+    angle_rad: Float
+
+    @staticmethod
+    def of(scene: Scene) -> Ranger:
+        """The ranger of a waveform or AMCW scene. Raises InputError for a gated one."""
+        rig = scene.rig if isinstance(scene.rig, AmcwRig | WaveformRig) else waveform_rig(scene)
+        record = rig.record if isinstance(rig, WaveformRig) else rig
+        return Ranger(
+            rig.laser.wavelength_m, rig.laser.illumination, rig.receiver, rig.detector.active_diameter_m,
+            rig.detector.quantum_efficiency, shot_angles(record.shots, record.scan_half_angle_rad),
+        )  # fmt: skip
+
+    @property
+    def field_rad(self) -> float:
+        """Half angle of the detector's field of view."""
+        return float(np.arctan2(0.5 * self.detector_diameter_m, self.receiver.focal_length_m))
+
+    def seen(self, local: Float) -> NDArray[np.bool_]:
+        """Whether directions (3, n) about the lens's axis lie in the field."""
+        angle = np.arctan2(np.hypot(local[0], local[1]), local[2])
+        return np.asarray(angle <= self.field_rad * (1 + 1e-12))
+
+    def electrons(self, radiance_per_sr: Float) -> Float:
+        """Photoelectrons of radiance times solid angle, J/m²."""
+        aperture = 0.25 * np.pi * self.receiver.aperture_diameter_m**2
+        return ladar.photoelectrons(
+            radiance_per_sr * aperture, wavelength_m=self.wavelength_m, transmission=self.receiver.transmission,
+            quantum_efficiency=self.quantum_efficiency,
+        )  # fmt: skip
+
+
+class Halo(Protocol):
+    """What forward scattering adds to beam and field (`ranger_scatter.RangerHalo`)."""
+
+    def lattice(self, ranger: Ranger, rays: int) -> tuple[Float, Float]:
+        """(directions (3, n) about the lens's axis that cover beam, field and their halos, solid angle of each)."""
+
+    def added(self, local: Float, range_m: Float) -> tuple[Float, Float]:
+        """(intensity added to the beam, 1/sr; acceptance added to the field), at ranges that broadcast to (shot, n)."""
+
+
+def ranger_footprint(scene: Scene, rays: int, tracer: Tracer | None = None, halo: Halo | None = None) -> Footprint:
+    """Trace the rays of every shot of a waveform or AMCW scene.
+
+    Main arguments:
+        scene, rays: what is there, and rays a shot.
+    Other arguments:
+        tracer: reuse one of the same target; halo: light scattered forward on both ways, with rays beyond the field.
+    """
+    ranger = Ranger.of(scene)
+    tracer = tracer or Tracer(scene)
+    if halo is None:
+        local, even = _cone(ranger.illumination, ranger.field_rad, rays)
+        solid_angle = np.full(local.shape[1], even)
+    else:
+        local, solid_angle = halo.lattice(ranger, rays)
+    shape = (len(ranger.angle_rad), local.shape[1])
+    axes = turned(np.array([[0.0], [0.0], [1.0]]), ranger.angle_rad)[:, :, 0]
     axis_hits = tracer.trace((0.0, 0.0, 0.0), axes)
-    direction = _turned(local, angle_rad).reshape(3, -1)
+    direction = turned(local, ranger.angle_rad).reshape(3, -1)
     hits = tracer.trace((0.0, 0.0, 0.0), direction)
     hit = hits.target >= 0
     distance = np.where(hit, hits.distance, 1.0)
@@ -95,21 +147,19 @@ def footprint(
         mine = hit & (hits.target == number)
         if mine.any():
             part = Angles(a.cos_i[mine], a.cos_o[mine], a.cos_h[mine], a.cos_d[mine], a.cos_r[mine])
-            reflected[mine] = response(item.material)(part)
+            reflected[mine] = textured_response(item, part, hits.shade[mine])
+    intensity = np.broadcast_to(beam_intensity(ranger.illumination, local), shape)
+    accepted = np.broadcast_to(ranger.seen(local).astype(np.float64), shape)
+    if halo is not None:
+        beam, field = halo.added(local, distance.reshape(shape))
+        intensity, accepted = intensity + beam, accepted + field
     attenuation = scene.medium.attenuation_per_m
-    fluence = ladar.surface_fluence(1.0, np.tile(intensity, len(angle_rad)), distance, attenuation)
+    fluence = ladar.surface_fluence(1.0, intensity.ravel(), distance, attenuation)
     radiance = ladar.pixel_radiance(fluence, reflected, distance, attenuation)
-    aperture = 0.25 * np.pi * receiver.aperture_diameter_m**2
-    amplitude = ladar.photoelectrons(
-        radiance * aperture * solid_angle,
-        wavelength_m=wavelength_m,
-        transmission=receiver.transmission,
-        quantum_efficiency=quantum_efficiency,
-    )
-    per_metre = 2.0 * group_index(scene.medium, wavelength_m) / C_M_PER_S
-    shape = (len(angle_rad), rays)
+    amplitude = ranger.electrons((radiance.reshape(shape) * accepted) * solid_angle)
+    per_metre = 2.0 * group_index(scene.medium, ranger.wavelength_m) / C_M_PER_S
     return Footprint(
-        np.where(hit, amplitude, 0.0).reshape(shape),
+        np.where(hit.reshape(shape), amplitude, 0.0),
         (distance * per_metre).reshape(shape),
         np.where(axis_hits.target >= 0, axis_hits.distance, np.nan),
     )
@@ -121,16 +171,12 @@ def _cone(illumination: Illumination, field_rad: float, rays: int) -> tuple[Floa
     if reach >= field_rad:
         return sunflower_cone(field_rad, rays)
     local, solid_angle = sunflower_cone(reach, rays)
-    ax, ay = illumination.offset_rad
-    if ax or ay:
-        cx, sx, cy, sy = np.cos(ax), np.sin(ax), np.cos(ay), np.sin(ay)
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cy, sy], [0.0, -sy, cy]])
-        about_y = np.array([[cx, 0.0, sx], [0.0, 1.0, 0.0], [-sx, 0.0, cx]])
-        local = about_y @ about_x @ local
+    if any(illumination.offset_rad):
+        local = beam_rotation(illumination.offset_rad) @ local
     return local, solid_angle
 
 
-def _turned(local: Float, angle_rad: Float) -> Float:
+def turned(local: Float, angle_rad: Float) -> Float:
     """Directions (3, shot, n): `local` (3, n) turned by each angle in the x-z plane."""
     c, s = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
     x, y, z = (part[None, :] for part in local)

@@ -1,6 +1,6 @@
-"""The `full` rung: the exact direct rung plus a path-traced remainder, so that the rungs nest.
+"""The `full` rung: the exact direct rung, single scattering by quadrature, and a path-traced rest, so that the rungs nest.
 
-The remainder is gathered once as a histogram over time, from which the slices of any pulse, gate and delay follow. A bin
+The path-traced rest is gathered once as a histogram over time, from which the slices of any pulse, gate and delay follow. A bin
 keeps three moments of its light (sum, mean time, spread), so it is rendered by the same two-point rule as the returns of
 the direct rung: bins of a quarter of R's σ then err by less than 1e-5, where plain bins would add δt²/12 of variance.
 
@@ -9,7 +9,7 @@ Two independent halves of the samples tell the error of the stack; sampling goes
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,13 @@ from ..optics.gate_maps import gate_offset_map
 from ..scenes.errors import InputError
 from ..scenes.scene import Scene, gated_rig
 from .direct import gate_tables
+from .path_finite import trace_finite
 from .path_loop import COMPONENTS, Lanes, Moments, Window, trace_lanes
+from .path_single import single_electrons
 from .path_world import PathWorld
 from .random import BLOCK_ROWS, Stage
 from .returns import Returns, render_stack
+from .scatter_ramp import nearest_path_m
 
 __all__ = [
     "Limits",
@@ -61,16 +64,17 @@ class Slices:
 class Limits:
     """`most_samples` per pixel; `memory_bytes` of the histograms held at once (an image is cut into tiles of rows)."""
 
-    most_samples: int = 1 << 14
+    most_samples: int = 1 << 17
     memory_bytes: int = 1 << 28
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """The path-traced light. `light` (slices, rows, cols) photoelectrons; `amplitude` and its standard error `sigma`
-    (rows, cols): photoelectrons at an open gate of the light inside the window of times; `halves` (2, slices, rows, cols): two
-    independent estimates whose mean is `light`; `epsilon`: standard error of the
-    stack relative to the whole stack, sqrt(Σ variance / Σ (direct + remainder)²); `samples` per pixel."""
+    """What the direct rung leaves out. `light` (slices, rows, cols) photoelectrons; `amplitude` and its standard error
+    `sigma` (rows, cols): photoelectrons at an open gate of the path-traced light inside the window of times; `halves`
+    (2, slices, rows, cols): two independent estimates whose mean is `light`; `epsilon`: standard error of the stack relative to
+    the whole stack, sqrt(Σ variance / Σ (direct + remainder)²); `samples` per pixel; `parts`: where asked for, the stacks
+    "interreflection", "single", "multiple" and "direct" (what finite lens and lamp change), whose sum is `light`."""
 
     light: NDArray[np.float32]
     amplitude: Float
@@ -79,6 +83,7 @@ class Remainder:
     epsilon: float
     samples: int
     reached: bool
+    parts: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
 
 def path_window(scene: Scene, tables: list[Table], slices: Slices, per_metre_s: float) -> Window:
@@ -90,8 +95,10 @@ def path_window(scene: Scene, tables: list[Table], slices: Slices, per_metre_s: 
     low = np.array([t.start_s for t in tables])
     high = low + np.array([t.step_s * (len(t.value) - 1) for t in tables])
     offset = np.zeros(1) if slices.offset_s is None else slices.offset_s
-    first = max(float((delay + low[gate]).min() + offset.min()), 0.0)
-    last = float((delay + high[gate]).max() + offset.max())
+    # Nearer than this, lamp and aperture are no points; the quadrature of single scattering ends there too.
+    nearest = nearest_path_m(gated_rig(scene)) * per_metre_s if scene.medium.scattering_per_m else 0.0
+    first = max(float((delay + low[gate]).min() + offset.min()), nearest)
+    last = max(float((delay + high[gate]).max() + offset.max()), first)
     width = _BIN_SIGMAS * sigma
     bins = max(int(np.ceil((last - first) / width)), 1)
     return Window(first / per_metre_s, width / per_metre_s, bins)
@@ -127,17 +134,20 @@ def render_remainder(
     component: str = "all",
     limits: Limits = Limits(),
     world: PathWorld | None = None,
+    parts: bool = False,
 ) -> Remainder:
-    """Path-trace what the direct rung leaves out, until the standard error of the stack is below `rtol` of the stack.
+    """What the direct rung leaves out, traced until the standard error of the stack is below `rtol` of the stack.
 
     Main arguments:
         direct: photoelectrons (slices, rows, cols) of the direct rung: the error is relative to the whole.
         slices: delays, scales and gates; rtol: relative standard error aimed at.
         seed, capture_key: name the random numbers.
     Other arguments:
-        component: "interreflection", "single", "multiple" (light with scattering, other than single) or "all".
+        component: "all"; or for tests one of "interreflection", "multiple" (light with scattering, other than single) and "single",
+            which is then path-traced too, while "all" takes it from its quadrature.
         limits: samples and memory; where the samples do not suffice, `reached` is False and `epsilon` tells.
         world: reuse an earlier one (same scene).
+        parts: also keep the stacks of "all" apart.
 
     Raises:
         InputError: as `PathWorld.of`, or an unknown component.
@@ -145,7 +155,11 @@ def render_remainder(
     if component not in COMPONENTS:
         raise InputError("There is no such light.", where="component", value=component, allowed=", ".join(COMPONENTS))
     world = world or PathWorld.of(scene)
-    run = _Run(scene, world, slices, seed, capture_key, component, limits)
+    run = _Run(scene, world, slices, seed, capture_key, component, limits, parts)
+    known = np.zeros_like(direct)
+    if component == "all":
+        known = single_electrons(scene, slices.gate, slices.delay_s, slices.scale, slices.offset_s)
+        direct = direct + known
     wanted = _FIRST_SAMPLES
     while True:
         run.add(wanted)
@@ -157,8 +171,11 @@ def render_remainder(
         wanted = int(np.ceil((min(needed, limits.most_samples) - run.samples) / run.lanes_per_pixel))
         wanted = max(wanted, 1)
     light, amplitude, sigma = run.result()
-    halves = (run.half / np.float32(run.samples / 2)).reshape(2, *light.shape)
-    return Remainder(light, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol)
+    halves = (run.half / np.float32(run.samples / 2)).reshape(2, *light.shape) + known
+    found = {name: part.reshape(light.shape) / np.float32(run.samples) for name, part in run.part.items()}
+    if parts:
+        found["single"] += known
+    return Remainder(light + known, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol, found)
 
 
 def gate_offset(scene: Scene) -> Float | None:
@@ -171,17 +188,21 @@ def gate_offset(scene: Scene) -> Float | None:
 
 def add_remainder(
     scene: Scene, light: NDArray[np.float32], ambient: Float, gate: NDArray[np.int32], delay_s: Float, scale: Float,
-    rtol: float, seed: int, capture_key: int,
-) -> tuple[NDArray[np.float32], dict[str, Any]]:  # fmt: skip
+    rtol: float, seed: int, capture_key: int, parts: bool = False,
+) -> tuple[NDArray[np.float32], dict[str, Any], dict[str, NDArray[Any]]]:  # fmt: skip
     """Add the remainder to `light` (slices, rows, cols), which holds the direct rung and the `ambient` light (slices).
 
     Returns the background (slices, rows, cols), to which the remainder belongs because its times tell of other ranges
-    than the pixel's own, and what the capture records of it: samples, standard errors, whether rtol was reached.
+    than the pixel's own; what the capture records of it: samples, standard errors, whether rtol was reached; and truth:
+    the standard error of each pixel, and with `parts` the stacks that `light` is the sum of.
     """
     level = ambient.astype(np.float32)[:, None, None]
     slices = Slices(delay_s, scale, gate, gate_offset(scene))
-    found = render_remainder(scene, light - level, slices, rtol, seed, capture_key)
+    direct = light - level
+    found = render_remainder(scene, direct, slices, rtol, seed, capture_key, parts=parts)
     light += found.light
+    # Where a finite lens darkens a pixel to nothing, the difference leaves its noise.
+    np.maximum(light, level, out=light)
     told = {
         "samples_per_pixel": found.samples,
         "standard_error": found.epsilon,
@@ -191,15 +212,20 @@ def add_remainder(
             "median": float(np.median(found.sigma)), "largest": float(found.sigma.max()),
         },
     }  # fmt: skip
-    return level + found.light, told
+    truth: dict[str, NDArray[Any]] = {"truth_standard_error": found.sigma}
+    if parts:
+        found.parts["direct"] += direct
+        truth |= {f"truth_{name}": part for name, part in found.parts.items()}
+    return level + found.light, told, truth
 
 
 class _Run:
     """Sums over rounds, tiles and lanes."""
 
     def __init__(
-        self, scene: Scene, world: PathWorld, slices: Slices, seed: int, key: int, component: str, limits: Limits
-    ) -> None:
+        self, scene: Scene, world: PathWorld, slices: Slices, seed: int, key: int, component: str, limits: Limits,
+        split: bool = False,
+    ) -> None:  # fmt: skip
         self.world, self.slices, self.component = world, slices, component
         self.seed, self.key, self.limits = seed, key, limits
         self.tables = gate_tables(scene)
@@ -209,6 +235,10 @@ class _Run:
         self.replicas = int(np.clip(_LANES // (2 * rows * cols), 1, 64))
         self.lanes_per_pixel = 2 * self.replicas
         self.half = np.zeros((2, len(slices.delay_s), rows * cols), dtype=np.float32)
+        self.shares = ("interreflection", "multiple") if split else ()
+        self.part = {name: np.zeros_like(self.half[0]) for name in self.shares}
+        if split:
+            self.part |= {name: np.zeros_like(self.half[0]) for name in ("direct", "single")}
         self.total, self.squares = np.zeros((2, rows * cols))
         self.samples = 0
         self.round = 0
@@ -216,12 +246,22 @@ class _Run:
     def add(self, samples: int) -> None:
         """One round: `samples` in every lane of every pixel."""
         cols = self.world.cols
-        row_bytes = self.lanes_per_pixel * cols * self.window.bins * 3 * 4 * 2
+        row_bytes = self.lanes_per_pixel * cols * self.window.bins * 3 * 4 * (4 if self.shares else 2)
         tall = max(int(self.limits.memory_bytes // max(row_bytes, 1)) // BLOCK_ROWS, 1) * BLOCK_ROWS
         for top in range(0, self.world.rows, tall):
             rows = range(top, min(top + tall, self.world.rows))
-            moments = trace_lanes(self.world, self._lanes(rows), samples, self.window, self.component)
-            self._gather(moments, slice(top * cols, rows.stop * cols))
+            lanes, pixels = self._lanes(rows), slice(top * cols, rows.stop * cols)
+            moments = trace_lanes(self.world, lanes, samples, self.window, self.component, bool(self.shares))
+            self._gather(moments, pixels)
+            if self.component != "all":
+                continue
+            if self.world.phase is not None and not self.world.coaxial:
+                shadow = trace_lanes(self.world, lanes, samples, self.window, "shadow")
+                self._gather_signed(shadow, -1.0, "single", pixels)
+            if self.world.finite:
+                finite, point = trace_finite(self.world, lanes, samples, self.window)
+                self._gather_signed(finite, 1.0, "direct", pixels)
+                self._gather_signed(point, -1.0, "direct", pixels)
         self.samples += samples * self.lanes_per_pixel
         self.round += 1
 
@@ -250,20 +290,34 @@ class _Run:
 
     def _gather(self, moments: Moments, pixels: slice) -> None:
         count = pixels.stop - pixels.start
-        bins = moments.bins.reshape(3, 2, self.replicas, count, -1).sum(axis=2)
-        offset = None if self.slices.offset_s is None else self.slices.offset_s[pixels]
+        bins = moments.bins.reshape(3, 2, self.replicas, count, -1, self.window.bins).sum(axis=2)
         for half in range(2):
-            returns = returns_of_moments(bins[:, half], self.window, self.world.electrons, self.per_metre_s)
-            if not len(returns.tau):
-                continue
-            for number, table in enumerate(self.tables):
-                mine = np.flatnonzero(self.slices.gate == number)
-                part = np.empty((len(mine), count), dtype=np.float32)
-                render_stack(returns, table, self.slices.delay_s[mine], self.slices.scale[mine], offset, part)
-                self.half[half, mine, pixels] += part
+            self._render(bins[:, half].sum(axis=2), self.half[half], pixels)
+        for kind, name in enumerate(self.shares):
+            self._render(bins[:, :, :, kind].sum(axis=1), self.part[name], pixels)
         shape = (self.lanes_per_pixel, count)
         self.total[pixels] += moments.total.reshape(shape).sum(axis=0, dtype=np.float64)
         self.squares[pixels] += moments.square.reshape(shape).sum(axis=0, dtype=np.float64)
+
+    def _gather_signed(self, moments: Moments, sign: float, name: str, pixels: slice) -> None:
+        """Add light to both halves and to the share of this name, or take it away."""
+        bins = moments.bins.reshape(3, 2, self.replicas, pixels.stop - pixels.start, -1).sum(axis=2)
+        for half in range(2):
+            self._render(bins[:, half], self.half[half], pixels, sign)
+            if self.shares:
+                self._render(bins[:, half], self.part[name], pixels, sign)
+
+    def _render(self, bins: NDArray[np.float32], stack: NDArray[np.float32], pixels: slice, sign: float = 1.0) -> None:
+        """Add the slices of moments (3, pixels, bins) to a stack (slices, all pixels)."""
+        offset = None if self.slices.offset_s is None else self.slices.offset_s[pixels]
+        returns = returns_of_moments(bins, self.window, self.world.electrons, self.per_metre_s)
+        if not len(returns.tau):
+            return
+        for number, table in enumerate(self.tables):
+            mine = np.flatnonzero(self.slices.gate == number)
+            part = np.empty((len(mine), pixels.stop - pixels.start), dtype=np.float32)
+            render_stack(returns, table, self.slices.delay_s[mine], self.slices.scale[mine], offset, part)
+            stack[mine, pixels] += np.float32(sign) * part
 
     def variance(self) -> float:
         """Σ over samples of the stack of the variance of the mean of both halves: E(A − B)²/4."""
@@ -283,7 +337,7 @@ class _Run:
         variance = np.maximum(self.squares / self.samples - mean**2, 0.0) / self.samples
         electrons = self.world.electrons
         return (
-            np.maximum(light, 0.0).reshape(-1, *shape),
+            light.reshape(-1, *shape),
             (mean * electrons).reshape(shape),
             (np.sqrt(variance) * electrons).reshape(shape),
         )

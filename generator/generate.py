@@ -54,6 +54,7 @@ def generate(
     fidelity: Literal["direct", "scatter", "full", "auto"] = "direct",
     rtol: float | Literal["noise"] = 3e-3,
     truth_electrons: bool = False,
+    truth_components: bool = False,
     tracer: Tracer | None = None,
 ) -> xr.Dataset:
     """Generate one capture with its truth.
@@ -69,6 +70,8 @@ def generate(
         rtol: relative error of the expected stack aimed at by sub-pixel sampling, and by the number of paths; with "auto"
             also "noise": one standard deviation of the detector's noise.
         truth_electrons: also keep the noise-free expectation of every sample.
+        truth_components: also keep the stacks that the lamp's light is the sum of: truth_direct, truth_interreflection,
+            truth_single (scattered once) and truth_multiple; with the full rung only.
         tracer: reuse a tracer of the same target.
 
     Raises:
@@ -85,14 +88,21 @@ def generate(
     if seed < 0:
         raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
     key = capture_key_of(scene) if capture_key is None else capture_key
-    if scene.modality != "gated" and fidelity != "direct":
+    if scene.modality != "gated" and fidelity == "full":
         raise InputError(
             "This rung is built for gated scenes only.", where=f"{scene.name}: fidelity", value=fidelity,
-            allowed='"direct"',
+            allowed='"direct", "scatter", "auto"',
         )  # fmt: skip
     arguments = {
         "seed": seed, "capture_key": key, "fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons,
     }  # fmt: skip
+    if truth_components:
+        arguments["truth_components"] = True
+        if fidelity != "full" or scene.modality != "gated":
+            raise InputError(
+                "Light is kept apart by the full rung of gated scenes only.", where=f"{scene.name}: truth_components",
+                value=fidelity, next_step='fidelity="full"',
+            )  # fmt: skip
     choice: Choice | None = None
     if fidelity == "auto":
         from .choose import choose
@@ -101,33 +111,48 @@ def generate(
         # The rung's sampling may take half, so that it and what the rung leaves out stay below rtol together.
         fidelity, rtol = choice.rung, choice.rtol * (1.0 if choice.rung == "full" else 0.5)
     assert not isinstance(rtol, str)
-    if scene.modality == "waveform":
+    if scene.modality != "gated":
+        from .amcw import generate_amcw
         from .waveform import generate_waveform
 
-        return generate_waveform(scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer)
-    if scene.modality == "amcw":
-        from .amcw import generate_amcw
-
-        return generate_amcw(scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer)
+        made = (generate_waveform if scene.modality == "waveform" else generate_amcw)(
+            scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer, rung=fidelity
+        )
+        if choice is not None:
+            made.attrs["fidelity"] = json.dumps(json.loads(made.attrs["fidelity"]) | {"chosen": choice.record()})
+        return made
+    _check_stress_models(scene, fidelity)
     scatter = render_scatter(scene, rtol, tracer) if fidelity == "scatter" else None
     # Rays and paths share the error of the full rung.
     share = rtol * (0.7 if fidelity == "full" else 1.0)
     direct = render_direct(scene, share, tracer) if scatter is None else scatter.direct
     coords = slice_coordinates(scene)
-    light, ambient = expected_electrons(scene, direct, coords, seed, key)
     rig = gated_rig(scene)
+    screen: DirectScene | None = None
+    if rig.screen is not None:
+        from .screen import behind_screen
+
+        direct, screen = behind_screen(scene, direct, share)
+    light, ambient = expected_electrons(scene, direct, coords, seed, key, share)
     _warn_if_dark(scene, light, ambient, coords)
     background: NDArray[Any] = ambient
+    if screen is not None:
+        veil = expected_electrons(scene, screen, coords, seed, key)[0] - ambient.astype(np.float32)[:, None, None]
+        light += veil
+        background = ambient.astype(np.float32)[:, None, None] + veil
     if scatter is not None and scatter.phase is not None:
         veil = scattered_electrons(scene, scatter, coords["gate"], *slice_settings(scene, coords, seed, key))
         light += veil
         background = ambient.astype(np.float32)[:, None, None] + veil
     traced: dict[str, Any] = {}
+    more_truth: dict[str, NDArray[Any]] = {}
     if fidelity == "full":
         from .full import add_remainder
 
         settings = slice_settings(scene, coords, seed, key)
-        background, traced = add_remainder(scene, light, ambient, coords["gate"], *settings, share, seed, key)
+        background, traced, more_truth = add_remainder(
+            scene, light, ambient, coords["gate"], *settings, share, seed, key, truth_components
+        )
         if not traced["reached"]:
             warnings.warn(
                 f"{scene.name}: {traced['samples_per_pixel']} paths per pixel leave a standard error of "
@@ -136,7 +161,7 @@ def generate(
                 stacklevel=2,
             )
     counts = detect(light, rig.detector, fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols), seed, key)
-    truth = dict(direct.truth)
+    truth = dict(direct.truth) | more_truth
     dark = rig.detector.dark_current_e_per_s * rig.detector.exposure_s
     truth["truth_background"] = background + background.dtype.type(dark if rig.detector.intensifier is None else 0.0)
     if truth_electrons:
@@ -220,10 +245,26 @@ def slice_settings(
     return delay, energy * coords["laser_on"]
 
 
+def _check_stress_models(scene: Scene, rung: str) -> None:
+    """A moving rig and a screen before the target are modelled by the direct rung, one at a time."""
+    rig = gated_rig(scene)
+    given = [name for name in ("motion_m_per_s", "screen") if getattr(rig, name) is not None]
+    if given and rung != "direct":
+        raise InputError(
+            "This is modelled by the direct rung only.", where=f"{scene.name}: rig.{given[0]}", value=rung,
+            allowed='fidelity="direct"',
+        )  # fmt: skip
+    if len(given) > 1:
+        raise InputError("A rig moves or has a screen, not both.", where=f"{scene.name}: rig", value=given)
+
+
 def expected_electrons(
-    scene: Scene, direct: DirectScene, coords: dict[str, Any], seed: int, key: int
+    scene: Scene, direct: DirectScene, coords: dict[str, Any], seed: int, key: int, rtol: float = 3e-3
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Expected photoelectrons (slices, rows, cols) of signal plus ambient light, and the ambient share per slice."""
+    """Expected photoelectrons (slices, rows, cols) of signal plus ambient light, and the ambient share per slice.
+
+    Where the rig moves, every slice is traced anew to `rtol`, and `direct` is not used.
+    """
     rig = gated_rig(scene)
     rows, cols = rig.camera.rows, rig.camera.cols
     slices = len(coords["actual"])
@@ -234,7 +275,14 @@ def expected_electrons(
         offset = gate_offset_map(rows, cols, rig.gate_map.iris_s, rig.gate_map.skew_s)
     areas = np.array([waveforms.gate_area(optics_gate(gate)) for gate in rig.gates])
     background = rig.ambient_e_per_s * areas[coords["gate"]] * coords["pulses"]
-    for number, table in enumerate(gate_tables(scene)):
+    tables = gate_tables(scene)
+    if rig.motion_m_per_s is not None:
+        from .motion import moving_stack
+
+        flat = light.reshape(slices, -1)
+        moving_stack(scene, coords["time"], coords["gate"], tables, delay, scale, offset, rtol, flat)
+        tables = []
+    for number, table in enumerate(tables):
         mine = np.flatnonzero(coords["gate"] == number)
         if len(mine) == slices:
             render_stack(direct.returns, table, delay, scale, offset, light.reshape(slices, -1))

@@ -56,8 +56,7 @@ class Lamp:
             cells = len(spec.radial_value) - 1
             grid = np.linspace(0.0, w, cells + 1)
             values = [float(v) for v in illumination.measured_intensity(grid, w, np.asarray(spec.radial_value))]
-        ax, ay = spec.offset_rad
-        axis = (np.sin(ax) * np.cos(ay), np.sin(ay), np.cos(ax) * np.cos(ay))
+        axis = illumination.beam_axis(spec.offset_rad)
         return Lamp(
             mi.Point3f(*(opaque(float(p)) for p in laser.position_m)),
             mi.Vector3f(*(opaque(float(a)) for a in axis)),
@@ -90,12 +89,14 @@ class Lamp:
 @dataclass(frozen=True)
 class PathWorld:
     """All that the loop needs. `electrons`: photoelectrons of a slice per unit of radiance that a unit of emitted energy
-    gives on the axis; `attenuation`, `scattering` 1/m; `phase` None where nothing scatters."""
+    gives on the axis; `attenuation`, `absorption`, `scattering` 1/m; `phase` None where nothing scatters; `focus_distance` m
+    None where all is sharp; `coaxial`: whether lamp and camera are at one point."""
 
     geometry: Any
     lamp: Lamp
     phase: PhaseCells | None
     attenuation: Any
+    absorption: Any
     scattering: Any
     group_index: float
     electrons: float
@@ -103,6 +104,15 @@ class PathWorld:
     cols: int
     pitch_over_focal: float
     vignetting: bool
+    aperture_radius: float = 0.0
+    focus_distance: float | None = None
+    source_radius: float = 0.0
+    coaxial: bool = False
+
+    @property
+    def finite(self) -> bool:
+        """Whether the lens or the lamp is more than a point."""
+        return self.focus_distance is not None or self.source_radius > 0.0
 
     @staticmethod
     def of(scene: Scene) -> PathWorld:
@@ -132,6 +142,7 @@ class PathWorld:
             lamp=Lamp.of(scene),
             phase=phase_cells_of(scene),
             attenuation=opaque(medium.attenuation_per_m),
+            absorption=opaque(medium.absorption_per_m),
             scattering=opaque(medium.scattering_per_m),
             group_index=group_index(medium, laser.wavelength_m),
             electrons=float(electrons),
@@ -139,6 +150,10 @@ class PathWorld:
             cols=camera.cols,
             pitch_over_focal=camera.pixel_pitch_m / camera.focal_length_m,
             vignetting=camera.vignetting == "cos4",
+            aperture_radius=0.5 * camera.focal_length_m / camera.f_number,
+            focus_distance=camera.focus_distance_m,
+            source_radius=laser.source_radius_m,
+            coaxial=not any(laser.position_m),
         )
 
 
@@ -148,6 +163,14 @@ def _geometry(scene: Scene) -> Any:
     for number, item in enumerate(scene.target):
         where = f"{scene.name}: target.{item.name}"
         _check_energy(item.material, where)
+        if item.texture is not None:
+            raise InputError(
+                "Paths are traced without textures.",
+                where=f"{where}.texture",
+                value=item.texture.file,
+                allowed="fidelity 'direct' or 'scatter'",
+                next_step="leave the texture out, or use fidelity 'direct' or 'scatter'",
+            )
         bsdf = mitsuba_bsdf(item.material)
         if isinstance(item.shape, Sphere):
             if np.linalg.norm(item.shape.center_m) <= item.shape.radius_m:

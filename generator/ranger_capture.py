@@ -19,12 +19,13 @@ def ranger_attributes(
     rays: int,
     effects: list[dict[str, Any]],
     truth_electrons: bool,
+    rung: str = "direct",
 ) -> dict[str, Any]:
     """Attributes of a generated capture, `provenance` enough to repeat it."""
     from ..captures.provenance import provenance
 
     arguments = {
-        "seed": seed, "capture_key": key, "fidelity": "direct", "rtol": rtol, "truth_electrons": truth_electrons,
+        "seed": seed, "capture_key": key, "fidelity": rung, "rtol": rtol, "truth_electrons": truth_electrons,
     }  # fmt: skip
     return {
         "rig": declared,
@@ -32,13 +33,13 @@ def ranger_attributes(
         "truth_kind": "rendered",
         "seed": seed,
         "capture_key": key,
-        "fidelity": {"rung": "direct", "rtol": rtol, "rays": rays, "effects": effects},
+        "fidelity": {"rung": rung, "rtol": rtol, "rays": rays, "effects": effects},
         "truth_materials": [item.name for item in scene.target],
         "provenance": provenance(arguments),
     }
 
 
-def warn_about(scene: Scene, brightest: float, seen: str, effects: list[dict[str, Any]]) -> None:
+def warn_about(scene: Scene, brightest: float, seen: str, effects: list[dict[str, Any]], rung: str = "direct") -> None:
     """Warn where no light reaches the record, and of effects left out that are predicted to exceed 10 %."""
     from .generate import GenerationWarning
 
@@ -52,7 +53,7 @@ def warn_about(scene: Scene, brightest: float, seen: str, effects: list[dict[str
         size = effect["predicted_relative_size"] or 0.0
         if not effect["modelled"] and size > 0.1:
             warnings.warn(
-                f"{scene.name}: {effect['name']} is left out by the rung 'direct' and is predicted to change the "
+                f"{scene.name}: {effect['name']} is left out by the rung '{rung}' and is predicted to change the "
                 f"signal by {size:.0%}.",
                 GenerationWarning,
                 stacklevel=4,

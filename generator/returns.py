@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..optics.correlation import Table, hermite_value, lookup
 from ..optics.jit import kernel, prange
 
-__all__ = ["Returns", "gather_returns", "render_stack"]
+__all__ = ["Returns", "depth_of_pixels", "gather_returns", "render_stack"]
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -55,6 +55,18 @@ def gather_returns(
         alone = (np.zeros(pixels, dtype=np.bool_), np.zeros(0), np.zeros(0), np.zeros(0))
     out = _merge(pixels, start, order, amplitude, tau, spread, width_s, *alone)
     return Returns(*out[:4]), out[4], out[5]
+
+
+def depth_of_pixels(returns: Returns) -> float:
+    """Standard deviation [s] of the times of a pixel's light, rms over pixels (weights: photoelectrons)."""
+    total = float(returns.amplitude.sum())
+    if total <= 0.0:
+        return 0.0
+    owner = np.repeat(np.arange(len(returns.start) - 1), np.diff(returns.start))
+    a = returns.amplitude
+    light = np.maximum(np.bincount(owner, a, len(returns.start) - 1), 1e-300)
+    mean = np.bincount(owner, a * returns.tau, len(light)) / light
+    return float(np.sqrt(a @ (returns.spread**2 + (returns.tau - mean[owner]) ** 2) / total))
 
 
 @kernel

@@ -26,7 +26,6 @@ from ..optics.scatter_halo import softened_phase
 from ..scenes.declare import group_index
 from ..scenes.rig import GatedRig, Illumination
 from ..scenes.scene import Scene, gated_rig
-from .echo import beam_angle
 from .trace import pixel_directions
 
 __all__ = ["backscatter_electrons", "beam_edge", "beam_profile", "nearest_path_m"]
@@ -102,10 +101,13 @@ def backscatter_electrons(
     count = int(np.clip(np.ceil((end - begin) * _NODES_PER_RISE / _rise_s(tables)), 16, _MOST_NODES))
     step = (end - begin) / count
     tau = begin + step * (np.arange(count) + 0.5)
+    # Even shares of a cell's light: lamp and camera at one point, it falls as 1/path².
+    inside = tau[:, None] + step * _IN_CELL
+    if not any(laser.position_m):
+        inside = 1.0 / ((0.5 - _IN_CELL) / (tau - 0.5 * step)[:, None] + (0.5 + _IN_CELL) / (tau + 0.5 * step)[:, None])
     weight = np.zeros((len(delay_s), count))
     for k in lit:
-        inside = (tau[:, None] - delay_s[k]) + step * _IN_CELL
-        weight[k] = lookup(tables[gate[k]], inside).mean(axis=1) * scale[k] * step
+        weight[k] = lookup(tables[gate[k]], inside - delay_s[k]).mean(axis=1) * scale[k] * step
     seen = weight != 0
     first = np.where(seen.any(axis=1), seen.argmax(axis=1), 0)
     last = np.where(seen.any(axis=1), count - seen[:, ::-1].argmax(axis=1), 0)
@@ -130,7 +132,7 @@ def backscatter_electrons(
     turn = np.geomspace(_SMALLEST_TURN_RAD, np.pi, _ANGLE_NODES)
     limit = np.where(np.isfinite(target_range_m), target_range_m, np.inf).ravel()
     _ramp(
-        np.ascontiguousarray(direction), np.asarray(laser.position_m), _axis(spec),
+        np.ascontiguousarray(direction), np.asarray(laser.position_m), illumination.beam_axis(spec.offset_rad),
         np.broadcast_to(per_radiance, rows * cols) + 0.0,
         limit, np.zeros(1) if offset_s is None else np.ascontiguousarray(offset_s, np.float64).ravel(), tau, step, speed,
         weight, first, last, beam_profile(spec, np.linspace(0.0, edge, 4096)), edge,
@@ -144,14 +146,6 @@ def backscatter_electrons(
 
 def _flat_halo() -> BeamHalo:
     return BeamHalo(0.0, 1.0, 1.0, 1.0, 0.0, np.full((2, 2), -700.0))
-
-
-def _axis(spec: Illumination) -> Float:
-    """The unit vector that `beam_angle` measures from."""
-    ax, ay = spec.offset_rad
-    axis = np.array([np.sin(ax) * np.cos(ay), np.sin(ay), np.cos(ax) * np.cos(ay)])
-    assert float(beam_angle(spec, axis[:, None])[0]) < 1e-9
-    return axis
 
 
 def _rise_s(tables: Sequence[Table]) -> float:
@@ -187,7 +181,19 @@ def _ramp(  # type: ignore[no-untyped-def]
                 when = tau[i] + late
                 share = min(max((end - when) / step + 0.5, 0.0), 1.0)
                 path = when * speed
-                if share == 0.0 or path < nearest:
+                if share == 0.0:
+                    continue
+                # The cell's part beyond the nearest path. Lamp and camera at one point: the light falls as 1/path², whose
+                # mean over the cell is known; else the cell's middle stands for it.
+                within = 1.0
+                if base2 == 0.0:
+                    begin = max(path - 0.5 * step * speed, nearest)
+                    finish = path + 0.5 * step * speed
+                    if finish <= begin:
+                        continue
+                    path = max(path, nearest)
+                    within = path * path * (1.0 / begin - 1.0 / finish) / (step * speed)
+                elif path < nearest:
                     continue
                 gap = path - along
                 r2 = 0.5 * (path * path - base2) / gap
@@ -225,7 +231,7 @@ def _ramp(  # type: ignore[no-untyped-def]
                     high = soft[m + 1, j] + (x - j) * (soft[m + 1, j + 1] - soft[m + 1, j])
                     light += veil * np.exp(low + (v - m) * (high - low))
                 slope = (path * gap - 0.5 * (path * path - base2)) / (gap * gap)
-                density[i] = share * b * light / (r1 * r1) * np.exp(-c * path) * slope * speed
+                density[i] = within * share * b * light / (r1 * r1) * np.exp(-c * path) * slope * speed
             for k in range(weight.shape[0]):
                 total = 0.0
                 for i in range(first[k], last[k]):

@@ -10,7 +10,6 @@ shared out so that the stack's ε meets what was asked for at the least number o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +21,14 @@ __all__ = ["GRIDS", "SubsamplePlan", "centre_error", "lattice", "plan"]
 Float = NDArray[np.float64]
 
 #: Sides of the grids that are used.
-GRIDS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32])
+GRIDS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64])
 #: Error of the centre ray at a straight edge of unit contrast that crosses the pixel or its border: rms over positions.
 _EDGE = 0.3
-#: Error of the centre ray at a crease, per relative change of the time's gradient over the pixel: at most 1/8.
-_CREASE = 0.08
+#: Error of the centre ray at a crease, per relative change of the time's gradient over the pixel: at most 1/8 for one crease,
+#: more for several.
+_CREASE = 0.16
+#: By how much an edge's error grows, at most, where the pixel's depth exceeds R's width.
+_DEEP = 0.7
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ def centre_error(
     """Relative error q of each pixel's centre ray, predicted from its eight neighbours, and the brightness w near it;
     and what one ray stands for: the shift of the echo's centroid from its own time, and the time's spread (1 σ), s.
 
-    Main arguments (rows, cols):
+    Main arguments (rows + 2, cols + 2): the image and one ring of rays around it, without which an edge that crosses the
+    outer half of a border pixel would go unseen. Results are (rows, cols).
         amplitude: photoelectrons of the centre ray, 0 where nothing is seen; tau: its time, s.
         per_row, per_col: gradient of tau on the tangent plane, s per pixel; sigma_s: σ of R.
 
@@ -52,19 +55,9 @@ def centre_error(
     Over a pixel the time is spread evenly along both axes: variance (g_row² + g_col²)/12. Where the echo brightens
     toward later times, its centroid is later than the centre ray's: Σ (∂a/a)(∂τ)/12.
     """
-    padded = [np.pad(a, 1, mode="edge") for a in (amplitude, tau, per_row, per_col)]
-    for a, original in zip(padded[:2], (amplitude, tau), strict=True):  # borders continue linearly: no false jump
-        for axis in (0, 1):
-            if original.shape[axis] > 1:
-                first: list[Any] = [slice(None), slice(None)]
-                one, two, last, before, before2 = ([*first] for _ in range(5))
-                first[axis], one[axis], two[axis] = 0, 1, 2
-                last[axis], before[axis], before2[axis] = -1, -2, -3
-                a[tuple(first)] = 2 * a[tuple(one)] - a[tuple(two)]
-                a[tuple(last)] = 2 * a[tuple(before)] - a[tuple(before2)]
-    error = np.zeros_like(amplitude)
-    bright, shift, spread = np.zeros_like(amplitude), np.zeros_like(amplitude), np.zeros_like(amplitude)
-    _centre_error(*padded, 1.0 / sigma_s, error, bright, shift, spread)
+    shape = (amplitude.shape[0] - 2, amplitude.shape[1] - 2)
+    error, bright, shift, spread = (np.zeros(shape) for _ in range(4))
+    _centre_error(amplitude, tau, per_row, per_col, 1.0 / sigma_s, error, bright, shift, spread)
     return error, bright, shift, spread
 
 
@@ -83,27 +76,29 @@ def _centre_error(a, t, gr, gc, inv_sigma, error, bright, shift, spread):  # typ
                     if dr == 0 and dc == 0:
                         continue
                     there = a[p + dr, q + dc]
-                    inner = 0 < p + dr <= rows and 0 < q + dc <= cols
-                    if inner and there > top:
-                        top = there
+                    top = max(top, there)
                     share = 1.0 if dr == 0 or dc == 0 else 0.5  # a diagonal neighbour's edge cuts a corner only
                     larger = max(abs(there), abs(here), abs(a[p - dr, q - dc]))
                     jump = 0.0
                     if larger > 0.0:
                         jump = min(abs(there - 2.0 * here + a[p - dr, q - dc]) / larger, 1.0)
-                    if here > 0.0 and there > 0.0 and inner:
+                    if here > 0.0 and there > 0.0:
                         mean = 0.5 * ((gr[p, q] + gr[p + dr, q + dc]) * dr + (gc[p, q] + gc[p + dr, q + dc]) * dc)
                         bend = abs((gr[p, q] - gr[p + dr, q + dc]) * dr) + abs((gc[p, q] - gc[p + dr, q + dc]) * dc)
                         step = max(abs(t[p + dr, q + dc] - t_here - mean) - 0.5 * bend, 0.0) * inv_sigma
                         jump = max(jump, min(step, 1.0))
-                        worst = max(worst, _CREASE * share * min(bend * inv_sigma, 1.0))
+                        worst = max(worst, _CREASE * share * min(bend * inv_sigma, 2.0))
                     worst = max(worst, _EDGE * share * jump)
             variance = (gr[p, q] * gr[p, q] + gc[p, q] * gc[p, q]) / 12.0
             spread[i, j] = np.sqrt(variance)
             if here > 0.0:
                 turn = (a[p + 1, q] - a[p - 1, q]) * gr[p, q] + (a[p, q + 1] - a[p, q - 1]) * gc[p, q]
-                shift[i, j] = turn / (24.0 * here)
+                # Light that changes linearly and is nowhere negative moves its centroid by no more than a sixth per axis.
+                most = (abs(gr[p, q]) + abs(gc[p, q])) / 6.0
+                shift[i, j] = min(max(turn / (24.0 * here), -most), most)
             variance *= inv_sigma * inv_sigma
+            # Where the pixel is deeper than R is wide, every slice sees a part of it, with edges of its own.
+            worst *= 1.0 + _DEEP * min(variance, 1.0)
             # Two-point quadrature of a uniform spread s leaves about (s/σ)⁴/20 of R.
             error[i, j] = max(worst, min(variance * variance / 20.0, 1.0))
             bright[i, j] = top

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scenes.errors import InputError
-from ..scenes.meshes import shape_mesh
+from ..scenes.meshes import mesh_uv, shape_mesh
+from ..scenes.possible import check_possible, check_solid
 from ..scenes.rig import Camera
 from ..scenes.scene import Scene
-from ..scenes.shapes import Sphere
+from ..scenes.shapes import MeshFile, Sphere
+from ..scenes.textures import bilinear, load_texture, surface_uv
 from .backend import mitsuba
 
 __all__ = ["Hits", "Tracer", "pixel_directions"]
@@ -29,11 +30,13 @@ _RAYS_PER_LAUNCH = 1 << 22
 @dataclass(frozen=True)
 class Hits:
     """First hits of n rays. `distance` m along the unit ray (inf where nothing is hit), `normal` (3, n) unit and turned
-    toward the camera, `target` index of the object in the scene, −1 where nothing is hit."""
+    toward the camera, `target` index of the object in the scene, −1 where nothing is hit, `shade` relative diffuse albedo
+    of the object's texture there (1 without one)."""
 
     distance: Float
     normal: Float
     target: NDArray[np.int32]
+    shade: Float
 
 
 def pixel_directions(camera: Camera, row: Any, col: Any) -> Float:
@@ -55,25 +58,35 @@ class Tracer:
         scene: the scene; its meshes are loaded here.
 
     Raises:
-        InputError: an unreadable mesh, or a camera inside a closed object.
+        InputError: an unreadable mesh or texture, or an impossible scene, such as a camera inside a solid.
     """
 
     def __init__(self, scene: Scene) -> None:
         mi = mitsuba()
         self._mi: Any = mi
+        check_possible(scene)
+        self._objects = scene.target
+        self._textures = {
+            number: load_texture(item.texture, f"{scene.name}: target.{item.name}.texture")
+            for number, item in enumerate(scene.target)
+            if item.texture is not None
+        }
         parts: dict[str, Any] = {"type": "scene"}
         for number, item in enumerate(scene.target):
             where = f"{scene.name}: target.{item.name}"
             if isinstance(item.shape, Sphere):
-                if np.linalg.norm(item.shape.center_m) <= item.shape.radius_m:
-                    raise InputError("The camera is inside a target.", where=where, value=item.shape.radius_m)
                 parts[f"o{number}"] = {
                     "type": "sphere",
                     "center": list(item.shape.center_m),
                     "radius": item.shape.radius_m,
                 }
             else:
-                parts[f"o{number}"] = _mesh(mi, f"o{number}", *shape_mesh(item.shape, where))
+                vertices, faces = shape_mesh(item.shape, where)
+                check_solid(scene, item, vertices, faces)
+                uv = None
+                if number in self._textures and isinstance(item.shape, MeshFile):
+                    uv = mesh_uv(item.shape, where)
+                parts[f"o{number}"] = _mesh(mi, f"o{number}", vertices, faces, uv)
         self._scene = mi.load_dict(parts, parallel=False, optimize=False)
         # Shapes come back in Mitsuba's own order: translate its pointers to our indices by the shapes' names.
         import drjit as dr
@@ -99,6 +112,7 @@ class Tracer:
             np.concatenate([p.distance for p in parts]),
             np.concatenate([p.normal for p in parts], axis=1),
             np.concatenate([p.target for p in parts]),
+            np.concatenate([p.shade for p in parts]),
         )
 
     def _launch(self, origin: tuple[float, float, float], direction: Float) -> Hits:
@@ -108,7 +122,8 @@ class Tracer:
         d = np.ascontiguousarray(direction, dtype=np.float32)
         ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(mi.Float(d[0]), mi.Float(d[1]), mi.Float(d[2])))
         preliminary = self._scene.ray_intersect_preliminary(ray, coherent=True)
-        surface = preliminary.compute_surface_interaction(ray, mi.RayFlags.Minimal)
+        flags = mi.RayFlags.Minimal | mi.RayFlags.UV if self._textures else mi.RayFlags.Minimal
+        surface = preliminary.compute_surface_interaction(ray, flags)
         t, n = surface.t, surface.n
         shape: Any = dr.reinterpret_array(mi.UInt32, surface.shape)
         dr.eval(t, n, shape)
@@ -117,7 +132,25 @@ class Tracer:
         target = self._table[shape.numpy()]
         away = np.einsum("in,in->n", normal, direction) > 0  # open surfaces are two-sided: turn toward the camera
         normal[:, away] *= -1.0
-        return Hits(distance, normal, np.where(np.isfinite(distance), target, np.int32(-1)))
+        target = np.where(np.isfinite(distance), target, np.int32(-1))
+        uv = np.asarray(surface.uv.numpy(), dtype=np.float64) if self._textures else np.zeros((2, 0))
+        return Hits(distance, normal, target, self._shade(origin, direction, distance, target, uv))
+
+    def _shade(self, origin: Any, direction: Float, distance: Float, target: NDArray[np.int32], uv: Float) -> Float:
+        """Values of the textures where rays hit; `uv` (2, n) of meshes, by Mitsuba."""
+        shade = np.ones(distance.size)
+        for number, image in self._textures.items():
+            mine = target == number
+            if not mine.any():
+                continue
+            shape = self._objects[number].shape
+            if isinstance(shape, MeshFile):
+                u, v = uv[:, mine]
+            else:
+                point = np.asarray(origin)[:, None] + direction[:, mine] * distance[mine]
+                u, v = surface_uv(shape, point)
+            shade[mine] = bilinear(image, u, v, around=isinstance(shape, Sphere))
+        return shade
 
     def visible(self, point: Float, toward: tuple[float, float, float]) -> NDArray[np.bool_]:
         """Whether the segment from each `point` (3, n) to one position is free (shadow rays)."""
@@ -138,11 +171,15 @@ class Tracer:
         return np.asarray(~self._scene.ray_test(ray).numpy())
 
 
-def _mesh(mi: Any, name: str, vertices: Float, faces: NDArray[np.int64]) -> Any:
+def _mesh(mi: Any, name: str, vertices: Float, faces: NDArray[np.int64], uv: Float | None) -> Any:
     props = mi.Properties()
     props["face_normals"] = True
-    mesh = mi.Mesh(name, len(vertices), len(faces), has_vertex_normals=False, has_vertex_texcoords=False, props=props)
+    mesh = mi.Mesh(
+        name, len(vertices), len(faces), has_vertex_normals=False, has_vertex_texcoords=uv is not None, props=props
+    )
     params = mi.traverse(mesh)
+    if uv is not None:
+        params["vertex_texcoords"] = np.ascontiguousarray(uv, dtype=np.float32).ravel()
     params["vertex_positions"] = np.ascontiguousarray(vertices, dtype=np.float32).ravel()
     params["faces"] = np.ascontiguousarray(faces, dtype=np.uint32).ravel()
     params.update()

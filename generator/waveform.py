@@ -14,24 +14,26 @@ from numpy.typing import NDArray
 
 from ..captures.build import make_capture
 from ..optics import pile_up, waveforms
+from ..optics.constants import C_M_PER_S
 from ..optics.correlation import tabulate
-from ..scenes.declare import declared_rig
+from ..scenes.declare import declared_rig, group_index
 from ..scenes.declare_waveform import shown_pulse
 from ..scenes.rig import Detector, Intensifier
 from ..scenes.rig_waveform import AnalogReadout, SinglePhotonReadout
 from ..scenes.scene import Scene, waveform_rig
 from .detector import detect, fixed_pattern
-from .footprint import Footprint, footprint, rays_for, shot_angles
+from .footprint import Footprint, rays_for
 from .random import Stage, blocks, generator
 from .ranger_capture import ranger_attributes, warn_about
 from .ranger_effects import waveform_effects
+from .ranger_scatter import Ramp, ranger_light
 from .returns import gather_returns, render_stack
 from .trace import Tracer
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["analog_detector", "expected_waveform", "generate_waveform"]
+__all__ = ["analog_detector", "expected_ramp", "expected_waveform", "generate_waveform", "ramp_reach"]
 
 Float = NDArray[np.float64]
 
@@ -41,15 +43,25 @@ _TABLE_RTOL = 1e-5
 
 
 def generate_waveform(
-    scene: Scene, *, seed: int, key: int, rtol: float, truth_electrons: bool, tracer: Tracer | None
+    scene: Scene,
+    *,
+    seed: int,
+    key: int,
+    rtol: float,
+    truth_electrons: bool,
+    tracer: Tracer | None,
+    rung: str = "direct",
 ) -> xr.Dataset:
     """One waveform capture with its truth. Arguments as for `generate`; called by it."""
     rig = waveform_rig(scene)
     rays = rays_for(rtol)
-    beam = waveform_footprint(scene, rays, tracer)
+    beam, ramp = ranger_light(scene, rays, tracer, rung, **ramp_reach(scene))
     signal, ambient = expected_waveform(scene, beam, seed, key)
     readout = rig.detector.readout
     expected = signal + np.float32(ambient)
+    veil = None if ramp is None else expected_ramp(scene, ramp, seed, key)
+    if veil is not None:
+        expected += veil
     if isinstance(readout, AnalogReadout):
         detector = analog_detector(readout)
         counts = detect(
@@ -66,10 +78,12 @@ def generate_waveform(
         "truth_amplitude": beam.amplitude.sum(axis=1) * rig.laser.pulse_energy_j * rig.pulses_per_shot,
         "truth_background": np.full(rig.record.shots, ambient * _pulses_in_a_rate(scene)),
     }
+    if veil is not None:
+        truth["truth_background"] = (veil.astype(np.float64) + ambient) * _pulses_in_a_rate(scene)
     if truth_electrons:
         truth["truth_electrons"] = expected * np.float32(_pulses_in_a_rate(scene))
-    effects = waveform_effects(scene, beam, truth["truth_range"])
-    warn_about(scene, float(signal.max()), f"the record {setting[0]:.4g} … {setting[-1]:.4g} s", effects)
+    effects = waveform_effects(scene, beam, truth["truth_range"], rung)
+    warn_about(scene, float(signal.max()), f"the record {setting[0]:.4g} … {setting[-1]:.4g} s", effects, rung)
     return make_capture(
         "waveform",
         data={"signal": measured},
@@ -80,23 +94,7 @@ def generate_waveform(
             "valid": True,
         },
         truth=truth,
-        attrs=ranger_attributes(scene, declared, seed, key, rtol, rays * rig.record.shots, effects, truth_electrons),
-    )
-
-
-def waveform_footprint(scene: Scene, rays: int, tracer: Tracer | None = None) -> Footprint:
-    """The footprint of every shot of a waveform scene."""
-    rig = waveform_rig(scene)
-    return footprint(
-        scene,
-        tracer or Tracer(scene),
-        wavelength_m=rig.laser.wavelength_m,
-        illumination=rig.laser.illumination,
-        receiver=rig.receiver,
-        detector_diameter_m=rig.detector.active_diameter_m,
-        quantum_efficiency=rig.detector.quantum_efficiency,
-        angle_rad=shot_angles(rig.record.shots, rig.record.scan_half_angle_rad),
-        rays=rays,
+        attrs=ranger_attributes(scene, declared, seed, key, rtol, beam.tau.size, effects, truth_electrons, rung),
     )
 
 
@@ -113,6 +111,36 @@ def expected_waveform(scene: Scene, beam: Footprint, seed: int, key: int) -> tup
     are drawn here, because they are common to all samples of a shot.
     """
     rig = waveform_rig(scene)
+    order = np.argsort(beam.tau, axis=1, kind="stable")
+    light, tau = (np.take_along_axis(v, order, 1) for v in (beam.amplitude, beam.tau))
+    step, pulses = rig.record.step_s, rig.pulses_per_shot / _pulses_in_a_rate(scene)
+    background = (rig.ambient_e_per_s + rig.detector.dark_e_per_s) * step * pulses
+    return _sampled(scene, light, tau, np.zeros(tau.shape), seed, key), background
+
+
+def expected_ramp(scene: Scene, ramp: Ramp, seed: int, key: int) -> NDArray[np.float32]:
+    """Expected photoelectrons of the water's backscatter (shot, sample), with the energy and timing of
+    `expected_waveform`."""
+    shape = ramp.amplitude.shape
+    tau, spread = (np.broadcast_to(v, shape) for v in (ramp.tau, ramp.spread))
+    return _sampled(scene, ramp.amplitude, tau, spread, seed, key)
+
+
+def ramp_reach(scene: Scene) -> dict[str, float]:
+    """Cells and end of the ramp that the record can tell: half a σ of the detected pulse, and its last sample."""
+    rig = waveform_rig(scene)
+    pulse, _ = shown_pulse(rig)
+    speed = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
+    sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
+    end = (
+        rig.record.start_s + rig.t0_s + rig.record.step_s * rig.record.samples + 8.0 * (sigma + rig.laser.jitter_shot_s)
+    )
+    return {"step_m": 0.5 * sigma * speed, "furthest_m": max(end, 0.0) * speed}
+
+
+def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, key: int) -> NDArray[np.float32]:
+    """Photoelectrons (shot, sample) of `light` per joule (shot, n) that arrives at `tau` ± `spread`, in ascending order."""
+    rig = waveform_rig(scene)
     shots, samples, step = rig.record.shots, rig.record.samples, rig.record.step_s
     pulses = rig.pulses_per_shot / _pulses_in_a_rate(scene)
     energy, jitter = np.ones(shots), np.zeros(shots)
@@ -127,20 +155,16 @@ def expected_waveform(scene: Scene, beam: Footprint, seed: int, key: int) -> tup
     gate = waveforms.RectangularGate(step, 1.0)
     table = tabulate(pulse, gate, _TABLE_RTOL)
     sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
-    rays = beam.amplitude.shape[1]
-    amplitude = beam.amplitude * (energy * pulses * rig.laser.pulse_energy_j)[:, None]
-    owner = np.repeat(np.arange(shots, dtype=np.int64), rays)
-    order = np.argsort(beam.tau, axis=1, kind="stable")
+    amplitude = light * (energy * pulses * rig.laser.pulse_energy_j)[:, None]
+    owner = np.repeat(np.arange(shots, dtype=np.int64), tau.shape[1])
     returns, _, _ = gather_returns(
-        shots, owner, np.take_along_axis(amplitude, order, 1).ravel(), np.take_along_axis(beam.tau, order, 1).ravel(),
-        np.zeros(owner.size), width_s=_MERGE_SIGMAS * sigma,
-    )  # fmt: skip
+        shots, owner, amplitude.ravel(), tau.ravel(), spread.ravel(), width_s=_MERGE_SIGMAS * sigma
+    )
     # The interval opens half a step before the sample's time, and the detector lags the light by `delay`.
     opening: Float = rig.record.start_s + rig.t0_s - delay + step * (np.arange(samples, dtype=np.float64) - 0.5)
     out = np.empty((samples, shots), dtype=np.float32)
     render_stack(returns, table, opening, np.ones(samples), jitter, out)
-    background = (rig.ambient_e_per_s + rig.detector.dark_e_per_s) * step * pulses
-    return np.maximum(out.T, 0.0), background
+    return np.maximum(out.T, 0.0)
 
 
 def analog_detector(readout: AnalogReadout) -> Detector:

@@ -6,6 +6,8 @@ CIE daylight (CIE 15:2004, eq. 3.1-3.4 and table T.2); CIE 1924 V(λ) (CIE 18.2)
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,8 +15,8 @@ from .constants import C_M_PER_S, PLANCK_J_S
 from .shape_parts import Array
 
 __all__ = [
-    "band_filter", "daylight_spectrum", "diffuse_radiance", "illuminance_lux", "photoelectron_rate", "planck_radiance",
-    "scaled_to_lux", "through",
+    "band_filter", "daylight_spectrum", "diffuse_attenuation", "diffuse_radiance", "illuminance_lux",
+    "photoelectron_rate", "planck_radiance", "scaled_to_lux", "through",
 ]  # fmt: skip
 
 _BOLTZMANN_J_K = 1.380_649e-23
@@ -115,6 +117,41 @@ def through(attenuation_per_m: ArrayLike, path_m: ArrayLike) -> Array:
     a surface (the light scattered into the view, which veils it, comes on top).
     """
     return np.asarray(np.exp(-np.asarray(attenuation_per_m, np.float64) * np.asarray(path_m, np.float64)))
+
+
+def diffuse_attenuation(source: str, kind: str, wavelength_m: ArrayLike) -> Array:
+    """K_d(λ), 1/m, of downwelling light: as tabulated by solonenko2015; of pure water a + b/2 (half of b goes back).
+
+    NaN where the source has no value. Raises ValueError for a source that does not tell K_d, or an unknown type.
+    """
+    from .water import water_optics
+
+    wave = np.asarray(wavelength_m, np.float64)
+    if source == "pure":
+
+        def one(value: float) -> float:
+            water = water_optics(source, kind, value)
+            return water.absorption_per_m + 0.5 * water.scattering_per_m
+
+    elif source == "solonenko2015":
+        import jerlov
+
+        water_optics(source, kind, 532e-9)
+        body: Any = jerlov.water(kind, source=source)
+
+        def one(value: float) -> float:
+            return float(body.kd(round(value * 1e9, 9)))
+
+    else:
+        raise ValueError(f"{source} does not tell how daylight fades; solonenko2015 and pure do")
+
+    def safe(value: float) -> float:
+        try:
+            return one(value)
+        except (ValueError, LookupError):
+            return float("nan")
+
+    return np.asarray([safe(float(v)) for v in wave.ravel()]).reshape(wave.shape)
 
 
 def band_filter(wavelength_m: ArrayLike, centre_m: float, fwhm_m: float, peak: float, *, square: bool = False) -> Array:

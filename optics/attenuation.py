@@ -65,6 +65,9 @@ def sound_absorption_francois_garrison(
 ) -> Array:
     """Absorption of sound in sea water, dB/km (Francois and Garrison, J. Acoust. Soc. Am. 72:1879, 1982).
 
+    Coefficients as in MB-System's manual of `mbabsorption` and in several public programs; the manual's .0004397 for
+    4.937e-4 is a slip, since only the latter joins the branch above 20 °C.
+
     α = A₁f₁f²/(f₁² + f²) + A₂P₂f₂f²/(f₂² + f²) + A₃P₃f², f in kHz: boric acid, magnesium sulphate, pure water. Stated
     accuracy 5 % for −2 … 22 °C, 30 … 35 psu (10 % elsewhere); with salinity 0 the first two vanish.
     """
@@ -88,6 +91,7 @@ def sound_absorption_ainslie_mccolm(
 ) -> Array:
     """The same, dB/km, in the shorter form of Ainslie and McColm (J. Acoust. Soc. Am. 103:1671, 1998).
 
+    Coefficients as in the public program `alphaAinslieMcColm.m` of ECOSONS; the paper itself was not at hand.
     Within 10 % of Francois and Garrison for 100 Hz … 1 MHz, −6 … 35 °C, 5 … 50 psu, pH 7.7 … 8.3, 0 … 7 km.
     """
     f2_khz = (np.asarray(frequency_hz, dtype=np.float64) / 1e3) ** 2

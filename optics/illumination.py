@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from .shape_parts import Array
 
 __all__ = [
-    "beam_axis", "beam_intensity", "distorted_point_eq9", "distortion_ratio_eq11", "distortion_ratio_eq13",
+    "beam_axis", "beam_intensity", "beam_rotation", "distorted_point_eq9", "distortion_ratio_eq11", "distortion_ratio_eq13",
     "diverging_angle_eq12", "diverging_angle_true", "flat_top_intensity", "gaussian_intensity", "measured_intensity",
     "off_axis_angle", "orthogonal_distance_eq10", "orthogonal_suffices_eq8", "radial_distance_eq7",
 ]  # fmt: skip
@@ -105,12 +105,21 @@ def beam_intensity(
 
 
 def beam_axis(offset_rad: tuple[float, float]) -> Array:
-    """Unit vector (3,) of a beam turned by offset_rad from +z: (tan a, tan b, 1) normalised.
+    """Unit vector (3,) of a beam turned from +z by offset_rad = (a, b): (sin a cos b, sin b, cos a cos b).
 
-    In a pinhole image the centre of illumination then lies at f·tan a to the right and f·tan b below the axis.
+    Azimuth a to the right, then elevation b downward, as a pan-tilt mount turns: b is the angle from the x-z plane. In a
+    pinhole image the centre of illumination lies at f·tan a to the right and f·tan b/cos a below the axis.
     """
-    axis = np.array([np.tan(offset_rad[0]), np.tan(offset_rad[1]), 1.0])
-    return np.asarray(axis / np.linalg.norm(axis), dtype=np.float64)
+    a, b = offset_rad
+    return np.array([np.sin(a) * np.cos(b), np.sin(b), np.cos(a) * np.cos(b)])
+
+
+def beam_rotation(offset_rad: tuple[float, float]) -> Array:
+    """Rotation (3, 3) that takes +z to `beam_axis(offset_rad)`: about x by −b, then about y by a."""
+    a, b = offset_rad
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(b), np.sin(b)], [0.0, -np.sin(b), np.cos(b)]])
+    about_y = np.array([[np.cos(a), 0.0, np.sin(a)], [0.0, 1.0, 0.0], [-np.sin(a), 0.0, np.cos(a)]])
+    return np.asarray(about_y @ about_x)
 
 
 def off_axis_angle(direction: ArrayLike, axis: ArrayLike) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +49,7 @@ def beam_halo(
     ring[-1] += max(spread.total - spread.enclosed[-1], 0.0)
     # Shares of light in rings: between two neighbours of an even ln-grid its middle is the geometric mean.
     radius = np.concatenate([[0.5 * spread.angle_rad[0]], np.sqrt(spread.angle_rad[1:] * spread.angle_rad[:-1])])
-    node, weight = np.polynomial.legendre.leggauss(_ACROSS)
+    node, weight = _across_nodes()
     across = 0.5 * edge_rad * (node + 1.0)
     # the same planar measure for both ways of averaging
     flux = 0.5 * edge_rad * weight * np.asarray(intensity(across)) * 2.0 * np.pi * across
@@ -58,6 +59,11 @@ def beam_halo(
     return np.asarray(
         _convolve(theta, profile, edge_rad, radius, ring, across, flux, log_density, start, inverse, _AROUND)
     )
+
+
+@lru_cache(maxsize=1)
+def _across_nodes() -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(_ACROSS)
 
 
 @kernel(parallel=True)

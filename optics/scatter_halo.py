@@ -158,7 +158,9 @@ def _spread(phase: PhaseFunction, length: float) -> HaloSpread:
     x, density = x[keep], np.maximum(density[keep], 0.0)
     ring = 2.0 * np.pi * density * x**2
     # below the grid: a power law with the slope of its first points
-    slope = float(np.clip(np.log(ring[8] / ring[0]) / (np.log(x[8] / x[0])), 0.05, 2.0))
+    # (2, an even density, where rounding leaves none)
+    rising = ring[0] > 0.0 and ring[8] > 0.0
+    slope = float(np.clip(np.log(ring[8] / ring[0]) / np.log(x[8] / x[0]), 0.05, 2.0)) if rising else 2.0
     cell = 0.5 * (ring[1:] + ring[:-1]) * dln
     enclosed = ring[0] / slope + np.concatenate([[0.0], np.cumsum(cell)])
     return HaloSpread(x, density, np.minimum(enclosed, total), total)

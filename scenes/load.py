@@ -15,7 +15,7 @@ from .errors import InputError
 from .overrides import apply_overrides
 from .scene import RIG_KINDS, Scene
 
-__all__ = ["LIBRARY", "list_scenes", "load_scene", "read_spec_file", "validate_spec"]
+__all__ = ["LIBRARY", "find_spec_file", "list_scenes", "load_scene", "read_spec_file", "validate_spec"]
 
 #: Folder of the scenes that ship with the project.
 LIBRARY = Path(__file__).parent / "library"
@@ -40,7 +40,7 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
     Relative mesh and grid files are looked up beside the scene file, then in the library.
 
     Raises:
-        InputError: unknown name, unreadable file, unknown key, missing or impossible value.
+        InputError: unknown name, unreadable file, unknown key, missing or impossible value, impossible scene.
     """
     if isinstance(source, Scene):
         if not overrides:
@@ -49,27 +49,42 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
     elif isinstance(source, Mapping):
         data, where = dict(source), "scene data"
     else:
-        path = _find(str(source))
+        path = find_spec_file(str(source), LIBRARY, kind="scene", next_step="beambench scenes list")
         data, where = _anchor(read_spec_file(path), path.parent), str(source)
     if overrides:
         data = apply_overrides(data, overrides)
-    return validate_spec(Scene, data, where)
+    from .possible import check_possible
+
+    scene = validate_spec(Scene, data, where)
+    check_possible(scene)
+    return scene
 
 
-def _find(source: str) -> Path:
-    inside = LIBRARY / f"{source}.toml"
+def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> Path:
+    """The file of a spec: one that ships in `folder`, by its name, or any .toml or .json file, by its path.
+
+    Main arguments:
+        source: name or path. folder: where those that ship lie. kind: what it is ("scene"), for the message.
+    Other arguments:
+        next_step: told where no name is near.
+
+    Raises:
+        InputError: neither; names all that ship, and those that are near.
+    """
+    inside = folder / f"{source}.toml"
     if "/" not in source and inside.is_file():
         return inside
     path = Path(source).expanduser()
     if path.suffix in {".toml", ".json"} and path.is_file():
         return path
-    near = difflib.get_close_matches(source, list_scenes(), n=3, cutoff=0.4)
+    names = sorted(path.stem for path in folder.glob("*.toml"))
+    near = difflib.get_close_matches(source, names, n=3, cutoff=0.4)
     raise InputError(
-        "There is no such scene.",
-        where="scene",
+        f"There is no such {kind}.",
+        where=kind,
         value=source,
-        allowed="a path to a .toml or .json file, or one of: " + ", ".join(list_scenes()),
-        next_step=f"did you mean {' or '.join(near)}?" if near else "beambench scenes list",
+        allowed="a path to a .toml or .json file, or one of: " + ", ".join(names),
+        next_step=f"did you mean {' or '.join(near)}?" if near else next_step,
     )
 
 
@@ -103,7 +118,22 @@ def _anchor(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             name = shape.get("file") if isinstance(shape, dict) else None
             if isinstance(name, str) and not name.startswith("library:") and not Path(name).expanduser().is_absolute():
                 shape["file"] = str((folder / name).resolve())
+            texture: Any = item.get("texture") if isinstance(item, dict) else None
+            name = texture.get("file") if isinstance(texture, dict) else None
+            if isinstance(name, str) and not name.startswith("library:"):
+                texture["file"] = _beside(name, folder)
     return data
+
+
+def _beside(name: str, folder: Path) -> str:
+    """The path of a file that must lie in the scene file's folder, links followed. Raises InputError where it does not."""
+    path = (folder / name).resolve()
+    if Path(name).expanduser().is_absolute() or not path.is_relative_to(folder.resolve()):
+        raise InputError(
+            "A texture lies beside its scene file.", where="target.texture.file", value=name,
+            allowed="a name inside the scene file's folder, or library:NAME", next_step="copy the file there",
+        )  # fmt: skip
+    return str(path)
 
 
 def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> SpecT:

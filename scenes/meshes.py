@@ -12,7 +12,9 @@ from .errors import InputError
 from .load import LIBRARY
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
 
-__all__ = ["MeshArrays", "load_grid", "measure_shape", "resolve_file", "rotation_matrix", "shape_mesh"]
+__all__ = [
+    "MeshArrays", "load_grid", "measure_shape", "mesh_uv", "read_array", "resolve_file", "rotation_matrix", "shape_mesh",
+]  # fmt: skip
 
 #: Vertices (n, 3) in metres, camera frame; faces (m, 3), counter-clockwise seen from outside or from the camera.
 MeshArrays = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -108,11 +110,11 @@ def _box(shape: Box) -> MeshArrays:
     return vertices, np.asarray(box.faces, dtype=np.int64)
 
 
-def load_grid(name: str, where: str) -> NDArray[np.float64]:
-    """Read a height grid: .npy, or .npz with exactly one 2-D array. Pickled content is refused.
+def read_array(name: str, where: str) -> NDArray[np.float64]:
+    """Read a .npy, or a .npz with exactly one 2-D array. Pickled content is refused.
 
     Raises:
-        InputError: not such a file, too small, not finite, or flat.
+        InputError: not such a file, or smaller than 2 × 2.
     """
     path = resolve_file(name, where)
     try:
@@ -127,8 +129,17 @@ def load_grid(name: str, where: str) -> NDArray[np.float64]:
     except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds on a damaged file
         raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error}") from error
     if grid is None or grid.ndim != 2 or min(grid.shape) < 2 or not np.issubdtype(grid.dtype, np.number):
-        raise InputError("The file holds no grid of heights.", where=where, value=name, allowed="one 2-D array, ≥ 2×2")
-    heights = np.asarray(grid, dtype=np.float64)
+        raise InputError("The file holds no grid of numbers.", where=where, value=name, allowed="one 2-D array, ≥ 2×2")
+    return np.asarray(grid, dtype=np.float64)
+
+
+def load_grid(name: str, where: str) -> NDArray[np.float64]:
+    """Read a height grid, as `read_array`.
+
+    Raises:
+        InputError: not such a file, too small, not finite, or flat.
+    """
+    heights = read_array(name, where)
     if not np.isfinite(heights).all() or np.ptp(heights) <= 0:
         raise InputError("Heights must be finite and not all equal.", where=where, value=name)
     return heights
@@ -149,7 +160,33 @@ def _height_grid(shape: HeightGrid, where: str) -> MeshArrays:
     return vertices, faces
 
 
+def mesh_uv(shape: MeshFile, where: str) -> NDArray[np.float64]:
+    """Texture coordinates (vertex, 2) of a mesh file: u to the right, v downward (files count v upward).
+
+    Raises:
+        InputError: as `shape_mesh`, or a mesh without texture coordinates.
+    """
+    mesh = _read_mesh(shape, where)
+    uv = getattr(mesh.visual, "uv", None)
+    if uv is None or np.shape(uv) != (len(mesh.vertices), 2) or not np.isfinite(uv).all():
+        raise InputError("The mesh has no texture coordinates.", where=where, value=shape.file, allowed="uv per vertex")
+    return np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1).astype(np.float64)
+
+
 def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
+    mesh = _read_mesh(shape, where)
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = float((high - low).max())
+    if extent <= 0:
+        raise InputError("The mesh has no extent.", where=where, value=shape.file)
+    vertices = (vertices - (low + high) / 2) * (shape.size_m / extent)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), faces
+
+
+def _read_mesh(shape: MeshFile, where: str) -> Any:
+    """The file's triangles as trimesh has them, repaired and checked."""
     import trimesh
 
     path = resolve_file(shape.file, where)
@@ -173,13 +210,7 @@ def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError("The mesh has broken vertices or faces.", where=where, value=shape.file)
     trimesh.repair.fix_normals(mesh)  # type: ignore[no-untyped-call]
-    faces = np.asarray(mesh.faces, dtype=np.int64)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    extent = float((high - low).max())
-    if extent <= 0:
-        raise InputError("The mesh has no extent.", where=where, value=shape.file)
-    vertices = (vertices - (low + high) / 2) * (shape.size_m / extent)
-    return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), faces
+    return mesh
 
 
 def _load_gz(path: Path) -> Any:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from .ambient import AmbientSpectrum, ambient_rate, without_computed
 from .base import Fraction, NonNegative, Positive, Spec, Vec3
 from .waveforms import Gate, Pulse
 
-__all__ = ["Camera", "Delays", "Detector", "GateMap", "GatedRig", "Illumination", "Intensifier", "Laser"]
+__all__ = ["Camera", "Delays", "Detector", "GateMap", "GatedRig", "Illumination", "Intensifier", "Laser", "Screen"]
 
 
 class Camera(Spec):
-    """A pinhole camera with the radiometry of a lens of `f_number`. The principal point is the array's centre."""
+    """A pinhole camera with the radiometry of a lens of `f_number`. The principal point is the array's centre.
+
+    `focus_distance_m` (absent: all is sharp) is the plane z at which a thin lens of diameter f/N is focused; the `full` rung
+    blurs what lies before and behind it.
+    """
 
     rows: Annotated[int, Field(ge=1, le=16384)]
     cols: Annotated[int, Field(ge=1, le=16384)]
@@ -23,6 +29,14 @@ class Camera(Spec):
     transmission: Fraction
     quantum_efficiency: Fraction
     vignetting: Literal["none", "cos4"]
+    focus_distance_m: Positive | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_focus(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        if data.get("focus_distance_m") is None:
+            data.pop("focus_distance_m", None)
+        return data
 
 
 class Illumination(Spec):
@@ -47,7 +61,11 @@ class Illumination(Spec):
 
 
 class Laser(Spec):
-    """A pulsed laser. `jitter_shot_s` is drawn per pulse (broadens the response), `jitter_frame_s` per slice."""
+    """A pulsed laser. `jitter_shot_s` is drawn per pulse (broadens the response), `jitter_frame_s` per slice.
+
+    `source_radius_m` (0: a point): radius of an evenly bright disc across the beam, of which every point sends out the same
+    profile; the `full` rung models it.
+    """
 
     wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
     pulse_energy_j: Positive
@@ -57,6 +75,14 @@ class Laser(Spec):
     energy_fluctuation: Fraction
     jitter_shot_s: NonNegative
     jitter_frame_s: NonNegative
+    source_radius_m: NonNegative = 0.0
+
+    @model_serializer(mode="wrap")
+    def _without_absent_source(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        if data.get("source_radius_m") == 0.0:
+            data.pop("source_radius_m", None)
+        return data
 
 
 class GateMap(Spec):
@@ -101,8 +127,26 @@ class Detector(Spec):
     intensifier: Intensifier | None = None
 
 
+class Screen(Spec):
+    """A second surface in every pixel: a plane across the view at z = `distance_m` with holes too small to be resolved (a
+    net, bubbles, a dirty port). The share `coverage` of each pixel sees Lambert matter of `albedo`, the rest sees past it."""
+
+    distance_m: Positive
+    coverage: Annotated[float, Field(ge=0, lt=1)]
+    albedo: Fraction
+
+
+#: Absent options are left out of the data, so that a rig without them reads as it always did.
+_OPTIONAL = ("motion_m_per_s", "screen")
+
+
 class GatedRig(Spec):
-    """A range-gated camera with its pulsed laser."""
+    """A range-gated camera with its pulsed laser.
+
+    `motion_m_per_s`: the platform's velocity; the scene is as written at the middle of the capture's time, and each slice
+    is taken at once. `screen`: unresolved matter before the target, of which estimators are not told. Ambient light is
+    told as `ambient_e_per_s` (photoelectrons per pixel and second of open gate), or by its spectrum, `ambient`.
+    """
 
     kind: Literal["gated"] = "gated"
     camera: Camera
@@ -112,5 +156,23 @@ class GatedRig(Spec):
     delays: Delays
     pulses_per_slice: Annotated[int, Field(ge=1)]
     detector: Detector
-    ambient_e_per_s: NonNegative
+    ambient_e_per_s: NonNegative = 0.0
+    ambient: AmbientSpectrum | None = None
     t0_s: float
+    motion_m_per_s: Vec3 | None = None
+    screen: Screen | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        for key in _OPTIONAL:
+            if data.get(key) is None:
+                data.pop(key, None)
+        return without_computed(data)
+
+    @model_validator(mode="after")
+    def _ambient_is_told_once(self) -> GatedRig:
+        camera = self.camera
+        pixel = camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, pixel, camera.quantum_efficiency)
+        return self

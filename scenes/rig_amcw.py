@@ -6,13 +6,14 @@ Laser and receiver are coaxial, at the camera frame's origin, and look along z; 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from .ambient import AmbientSpectrum, ambient_rate, without_computed
 from .base import Fraction, NonNegative, Positive, Spec
 from .rig import Illumination
-from .rig_waveform import Receiver
+from .rig_waveform import Receiver, collected_m2_sr
 
 __all__ = ["AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation"]
 
@@ -71,11 +72,22 @@ class AmcwRig(Spec):
     shots: Annotated[int, Field(ge=1, le=65536)]
     scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
     range_window_m: tuple[NonNegative, Positive]
-    ambient_e_per_s: NonNegative
+    ambient_e_per_s: NonNegative = 0.0
+    ambient: AmbientSpectrum | None = None
     t0_s: float
 
     @model_validator(mode="after")
     def _window_opens(self) -> AmcwRig:
         if self.range_window_m[1] <= self.range_window_m[0]:
             raise ValueError("range_window_m needs its end beyond its start")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_computed(handler(self))
+
+    @model_validator(mode="after")
+    def _ambient_is_told_once(self) -> AmcwRig:
+        collected = collected_m2_sr(self.receiver, self.detector.active_diameter_m)
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.detector.quantum_efficiency)
         return self

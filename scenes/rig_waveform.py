@@ -6,17 +6,19 @@ Laser and receiver are coaxial (a beam splitter), at the camera frame's origin, 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from .ambient import AmbientSpectrum, ambient_rate, without_computed
 from .base import Fraction, NonNegative, Positive, Spec
 from .rig import Illumination
 from .waveforms import Pulse
 
 __all__ = [
     "AnalogReadout", "Avalanche", "ImpulseResponse", "Photodetector", "PulsedLaser", "Receiver", "Record",
-    "SinglePhotonReadout", "WaveformRig",
+    "SinglePhotonReadout", "WaveformRig", "collected_m2_sr",
 ]  # fmt: skip
 
 
@@ -40,6 +42,13 @@ class Receiver(Spec):
     aperture_diameter_m: Positive
     focal_length_m: Positive
     transmission: Fraction
+
+
+def collected_m2_sr(receiver: Receiver, detector_diameter_m: float) -> float:
+    """Etendue of lens and detector, A · 2π(1 − cos θ) with tanθ = D/2f, times the lens's transmission, m² sr."""
+    half = math.atan2(0.5 * detector_diameter_m, receiver.focal_length_m)
+    solid = 4.0 * math.pi * math.sin(0.5 * half) ** 2
+    return 0.25 * math.pi * receiver.aperture_diameter_m**2 * solid * receiver.transmission
 
 
 class ImpulseResponse(Spec):
@@ -116,7 +125,8 @@ class WaveformRig(Spec):
     detector: Photodetector
     record: Record
     pulses_per_shot: Annotated[int, Field(ge=1, le=65535)]
-    ambient_e_per_s: NonNegative
+    ambient_e_per_s: NonNegative = 0.0
+    ambient: AmbientSpectrum | None = None
     counter_hz: Positive | None = None
     t0_s: float
 
@@ -124,4 +134,14 @@ class WaveformRig(Spec):
     def _window_is_bounded(self) -> WaveformRig:
         if self.record.samples * self.record.shots > 1 << 28:
             raise ValueError("samples × shots must not exceed 2^28")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_computed(handler(self))
+
+    @model_validator(mode="after")
+    def _ambient_is_told_once(self) -> WaveformRig:
+        collected = collected_m2_sr(self.receiver, self.detector.active_diameter_m)
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.detector.quantum_efficiency)
         return self

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer, model_validator
 
 from .base import Spec
 from .errors import InputError
@@ -13,7 +13,8 @@ from .medium import Medium
 from .rig import GatedRig
 from .rig_amcw import AmcwRig
 from .rig_waveform import WaveformRig
-from .shapes import Shape
+from .shapes import Box, Shape
+from .textures import Texture
 
 __all__ = ["RIG_KINDS", "Rig", "Scene", "TargetObject", "amcw_rig", "gated_rig", "sizes_of", "waveform_rig"]
 
@@ -34,11 +35,25 @@ Rig = Annotated[
 
 
 class TargetObject(Spec):
-    """One object: a shape of one material."""
+    """One object: a shape of one material, whose diffuse part a `texture` may vary over the surface (not over a box)."""
 
     name: str
     shape: Shape
     material: Material
+    texture: Texture | None = None
+
+    @model_validator(mode="after")
+    def _shape_can_be_textured(self) -> TargetObject:
+        if self.texture is not None and isinstance(self.shape, Box):
+            raise ValueError("a box has no texture coordinates: make it of rectangles")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        if data["texture"] is None:
+            data.pop("texture")
+        return data
 
 
 class Scene(Spec):

@@ -1,0 +1,189 @@
+"""What no experiment could set up: scenes whose every value is allowed and that are impossible together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..optics import waveforms
+from .errors import InputError
+from .medium import WaterIndex
+from .rig import GatedRig
+from .rig_amcw import AmcwRig
+from .scene import Scene, TargetObject
+from .shapes import Box, HeightGrid, MeshFile, Rectangle, Sphere
+
+__all__ = ["check_possible", "check_solid", "inside_closed"]
+
+Float = NDArray[np.float64]
+
+#: A lens or lamp this near to a surface lies in it.
+_CONTACT_M = 1e-6
+
+
+def check_possible(scene: Scene) -> None:
+    """Refuse an impossible scene. Files of meshes are not read here: `check_solid` takes their triangles.
+
+    Raises:
+        InputError: camera or laser in or on an object; nothing ahead of the camera; a laser behind the target or, in
+            water, behind the window; a gate longer than the time between pulses; an integration shorter than a period of
+            the modulation.
+    """
+    places: dict[str, Float] = {"camera": np.zeros(3)}
+    if isinstance(scene.rig, GatedRig):
+        places["laser"] = np.asarray(scene.rig.laser.position_m, dtype=np.float64)
+    for item in scene.target:
+        for who, at in places.items():
+            if _within(item, at):
+                raise _inside(scene, item, who)
+    ahead = [float(_reach(item)) for item in scene.target]
+    if max(ahead) <= 0:
+        raise InputError(
+            "The whole target lies behind the camera.",
+            where=f"{scene.name}: target.{scene.target[int(np.argmax(ahead))].name}.shape.center_m",
+            value=list(scene.target[int(np.argmax(ahead))].shape.center_m),
+            allowed="something at z > 0: z points forward",
+        )
+    if isinstance(scene.rig, GatedRig):
+        _check_laser(scene, places["laser"], max(ahead))
+        _check_gates(scene, scene.rig)
+    if isinstance(scene.rig, AmcwRig):
+        modulation = scene.rig.modulation
+        slowest = min(modulation.frequencies_hz)
+        if slowest * modulation.integration_s < 1.0:
+            raise InputError(
+                "A sample is integrated for less than one period of the modulation.",
+                where=f"{scene.name}: rig.modulation.integration_s",
+                value=modulation.integration_s,
+                allowed=f"at least {1.0 / slowest:g} s, a period of {slowest:g} Hz",
+            )
+
+
+def check_solid(scene: Scene, item: TargetObject, vertices: Float, faces: NDArray[np.int64]) -> None:
+    """Refuse a camera or laser inside a closed mesh, given its triangles. Raises InputError."""
+    if not isinstance(item.shape, MeshFile):
+        return
+    places = {"camera": np.zeros(3)}
+    if isinstance(scene.rig, GatedRig) and any(scene.rig.laser.position_m):
+        places["laser"] = np.asarray(scene.rig.laser.position_m, dtype=np.float64)
+    for who, at in places.items():
+        if inside_closed(at, vertices, faces):
+            raise _inside(scene, item, who)
+
+
+def inside_closed(point: Float, vertices: Float, faces: NDArray[np.int64]) -> bool:
+    """Whether a point lies inside a closed mesh: its triangles then fill 4π of solid angle around it, else 0.
+
+    Solid angles by van Oosterom and Strackee (1983): tan(Ω/2) = a·(b × c)/(abc + (a·b)c + (b·c)a + (c·a)b). A mesh with
+    holes has no inside.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if np.any(point < low) or np.any(point > high):
+        return False
+    a, b, c = (vertices[faces[:, i]] - point for i in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    above = np.einsum("fi,fi->f", a, np.cross(b, c))
+    dot = [np.einsum("fi,fi->f", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    total = 2.0 * float(np.sum(np.arctan2(above, la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb)))
+    if abs(total) < 2.0 * np.pi:
+        return False
+    import trimesh
+
+    return bool(trimesh.Trimesh(vertices, faces, process=True).is_watertight)
+
+
+def _inside(scene: Scene, item: TargetObject, who: str) -> InputError:
+    what = "The camera is inside a target." if who == "camera" else "The laser is inside a target."
+    return InputError(
+        what,
+        where=f"{scene.name}: target.{item.name}.shape",
+        value=item.shape.model_dump(mode="json"),
+        allowed=f"the {who} outside of every solid, and not on a surface",
+        next_step="move the object away from the rig (z points forward)",
+    )
+
+
+def _within(item: TargetObject, at: Float) -> bool:
+    shape = item.shape
+    offset = at - np.asarray(shape.center_m)
+    if isinstance(shape, Sphere):
+        return float(np.linalg.norm(offset)) <= shape.radius_m + _CONTACT_M
+    if isinstance(shape, Box):
+        from .meshes import rotation_matrix
+
+        local = rotation_matrix(shape.rotation_deg).T @ offset
+        return bool(np.all(np.abs(local) <= 0.5 * np.asarray(shape.size_m) + _CONTACT_M))
+    if isinstance(shape, Rectangle):
+        x, y, height = _turned(shape).T @ offset
+        beside = abs(x) <= 0.5 * shape.width_m and abs(y) <= 0.5 * shape.height_m
+        return bool(abs(height) <= _CONTACT_M and beside)
+    return False
+
+
+def _turned(shape: Rectangle | HeightGrid) -> Float:
+    from .meshes import rotation_matrix
+
+    return rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0))
+
+
+def _reach(item: TargetObject) -> float:
+    """Upper bound of z of the object: exact for flat and round shapes, that of the enclosing ball for files."""
+    shape: Any = item.shape
+    z = float(shape.center_m[2])
+    if isinstance(shape, Sphere):
+        return z + float(shape.radius_m)
+    if isinstance(shape, Box):
+        from .meshes import rotation_matrix
+
+        return z + 0.5 * float(np.abs(rotation_matrix(shape.rotation_deg))[2] @ np.asarray(shape.size_m))
+    if isinstance(shape, Rectangle):
+        turn = np.abs(_turned(shape))[2]
+        return z + 0.5 * float(turn[0] * shape.width_m + turn[1] * shape.height_m)
+    if isinstance(shape, MeshFile):
+        return z + 0.5 * float(np.sqrt(3.0)) * float(shape.size_m)
+    return float("inf")  # a grid's height follows from its file
+
+
+def _check_laser(scene: Scene, laser: Float, furthest: float) -> None:
+    where = f"{scene.name}: rig.laser.position_m"
+    wet = scene.medium.attenuation_per_m > 0 or isinstance(scene.medium.index, WaterIndex)
+    if wet and laser[2] < 0:
+        raise InputError(
+            "The laser lies behind the window: its light would cross the housing, not the water.",
+            where=where,
+            value=laser.tolist(),
+            allowed="z ≥ 0 in water; the window and the entrance pupil lie at z = 0",
+        )
+    planes = [item.shape for item in scene.target if isinstance(item.shape, Rectangle)]
+    hidden = len(planes) == len(scene.target) and all(_opposite(shape, laser) for shape in planes)
+    if laser[2] >= furthest or hidden:
+        raise InputError(
+            "The laser lies behind the target: no surface that the camera sees is lit.",
+            where=where,
+            value=laser.tolist(),
+            allowed=f"z below {furthest:g} m, on the camera's side of the target",
+        )
+
+
+def _opposite(shape: Rectangle, laser: Float) -> bool:
+    """Whether camera and laser lie on opposite sides of a rectangle's plane."""
+    normal = _turned(shape)[:, 2]
+    centre = np.asarray(shape.center_m)
+    return bool((normal @ centre) * (normal @ (centre - laser)) < 0)
+
+
+def _check_gates(scene: Scene, rig: GatedRig) -> None:
+    period = rig.detector.exposure_s / rig.pulses_per_slice
+    for number, gate in enumerate(rig.gates):
+        low, high = waveforms.gate_support(waveforms.gate_from_spec(gate))
+        area = waveforms.gate_area(waveforms.gate_from_spec(gate))
+        if area > period:
+            raise InputError(
+                "A gate is open for longer than the time between two pulses.",
+                where=f"{scene.name}: rig.gates.{number}",
+                value=f"open for {area:.4g} s ({high - low:.4g} s with its tails)",
+                allowed=f"below exposure_s/pulses_per_slice = {period:.4g} s",
+                next_step="shorten the gate, or lower rig.pulses_per_slice, or raise rig.detector.exposure_s",
+            )
