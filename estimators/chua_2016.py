@@ -105,7 +105,7 @@ def _iterate(counts, slices, group, levels, noise, share, number, table, bounds,
                 ok[row, col] = done
 
 
-@estimator("gated", cites="after Chua et al., J. Eur. Opt. Soc. Rapid Publ. 11, 2016 (noise-weighted average)")
+@estimator("gated", cites="after Chua et al., J. Eur. Opt. Soc. Rapid Publ. 11:16015, 2016 (noise-weighted average)")
 def chua_2016(
     capture: xr.Dataset, *, k_s: float = 0.0, k_d: float = 0.16, slope: float = 0.3, diffusivity: float = 1.0,
     k: float = 1.0, phi: float | None = None,

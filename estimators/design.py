@@ -23,6 +23,9 @@ Int = npt.NDArray[np.int64]
 
 #: Most numbers in one Taylor order of a table (64 MB); wider windows get a coarser grid.
 MAX_CELLS = 8_000_000
+#: Largest curvature of R, in units of its peak over σ_R², of a smooth response: 1 for a Gaussian, 64 (σ_R over a row) at
+#: a corner. Beyond it the tops of likelihoods are flat enough to matter (`poisson_flat`).
+_CORNER = 16.0
 _kept: OrderedDict[tuple[object, ...], Design] = OrderedDict()
 
 
@@ -31,7 +34,7 @@ class Design:
     """table (row, order, group); first, last (row): groups where R is above 1e-6 of its peak; origin_s, step_s of τ;
     low, high: rows between which an echo is well inside the window; candidates: rows of the start's matched filter
     with `mean` (projection on the background), `norm` (1/length without it; 1/length of its box) and `box` (first, last
-    + 1, exposure² inside: groups where R is above .3 of its peak); width: σ_R in rows."""
+    + 1, exposure² inside: groups where R is above .3 of its peak); width: σ_R in rows; corners: whether R has some."""
 
     table: Float
     first: Int
@@ -45,6 +48,7 @@ class Design:
     mean: Float
     norm: Float
     box: Int
+    corners: bool
 
 
 def _build(stack: Stack) -> Design:
@@ -97,7 +101,16 @@ def _build(stack: Stack) -> Design:
         mean=mean,
         norm=norm,
         box=np.stack([left, right, np.round(box)], axis=1).astype(np.int64),
+        corners=_has_corners(value, width / step),
     )
+
+
+def _has_corners(value: Float, width: float) -> bool:
+    """Whether R (row, group) has corners; width: σ_R in rows."""
+    if value.shape[0] < 3:
+        return False
+    bend = float(np.abs(value[2:] - 2 * value[1:-1] + value[:-2]).max())
+    return bend * width**2 > _CORNER * float(value.max())
 
 
 def design_of(stack: Stack) -> Design:

@@ -155,11 +155,11 @@ def gaussian_least_squares(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.D
     rig = stack.instrument
     shape = stack.counts.shape[1:]
     tau, sigma, ok = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
-    if stack.signal < 5:
-        return range_result(tau, sigma, ok)
     n = stack.signal
+    unit = float(np.sqrt(rig.responses[int(stack.gate[0])].variance_s2)) if n else 0.0
+    if n < 5 or not unit > 0:  # too few slices, or a gate that never opens
+        return range_result(tau, sigma, ok)
     used = stack.group < n
-    unit = float(np.sqrt(rig.responses[int(stack.gate[0])].variance_s2))
     t = stack.centroid_delay_s
     origin = float(t[0])
     _fit_rows(

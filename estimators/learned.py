@@ -89,9 +89,9 @@ def read_weights(path: str | None) -> Weights:
 def learned(capture: xr.Dataset, *, weights: str | None = None, min_snr: float = 4.0) -> xr.Dataset:
     """τ = τ₀ + σ_R·w·(1, f, tanh(H f + b)): f the normalised profile about a matched filter's first guess τ₀.
 
-    Trained by `python -m beambench.estimators.train` on generated captures of water and air (the shipped weights name
-    theirs in their entry `trained_on`); H and b are random and fixed, w comes from one linear solve. It knows the declared
-    instrument through τ₀, σ_R and R's centroid only, and learns what water adds: ramp, halo, attenuation.
+    Trained by `beambench estimators train` on the generated captures of suite `learned-training`, of water and air (the
+    weights name theirs in their entry `trained_on`); H and b are random and fixed, w comes from one linear solve. It knows
+    the declared instrument through τ₀, σ_R and R's centroid only, and learns what water adds: ramp, halo, attenuation.
     Other arguments: weights: an .npz file of `train`; min_snr: least amplitude in its rough standard errors.
     Returns range, sigma [m], valid (row, col). sigma is learned as well (a regression of log error, calibrated on
     captures held out): it holds for scenes like the training's. Invalid: clipped or NaN samples, no echo, a stated

@@ -15,7 +15,8 @@ __all__ = ["log_gaussian"]
 
 
 @estimator(
-    "gated", cites="Fisher and Naidu, in Image Technology (Springer), 1996 (Gaussian peak from three logarithms)"
+    "gated",
+    cites="Fisher and Naidu, in Image Technology (Springer), 1996 (recalled; Gaussian peak from three logarithms)",
 )
 def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> xr.Dataset:
     """Vertex of the parabola through ln(y − B) of the brightest slice and its neighbours, plus the argument of max R.

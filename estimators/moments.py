@@ -21,34 +21,37 @@ SEGMENT = 64
 _orders: dict[tuple[object, ...], tuple[int, int] | None] = {}
 
 
+@kernel(error_model="numpy", inline="always")
+def _next(y, a, b, c):  # type: ignore[no-untyped-def]
+    """One sample onto the running sums: a = Σ y, b = Σ a, c = Σ b."""
+    a += np.uint32(y)
+    b += a
+    c += b
+    return a, b, c
+
+
 @kernel(error_model="numpy")
-def _add_eight(y7, y6, y5, y4, y3, y2, y1, y0, s0, s1, s2):  # type: ignore[no-untyped-def]
+def _add_many(y15, y14, y13, y12, y11, y10, y9, y8, y7, y6, y5, y4, y3, y2, y1, y0, s0, s1, s2):  # type: ignore[no-untyped-def]
+    # Sixteen slices per turn, written out: a loop over them would keep the processor's vector units from the pixels. With
+    # fewer the sums go through the cache more often (8: 10 % slower), with more they leave the registers (32: half as fast).
     for p in range(s0.size):
         a, b, c = s0[p], s1[p], s2[p]
-        a += np.uint32(y7[p])
-        b += a
-        c += b
-        a += np.uint32(y6[p])
-        b += a
-        c += b
-        a += np.uint32(y5[p])
-        b += a
-        c += b
-        a += np.uint32(y4[p])
-        b += a
-        c += b
-        a += np.uint32(y3[p])
-        b += a
-        c += b
-        a += np.uint32(y2[p])
-        b += a
-        c += b
-        a += np.uint32(y1[p])
-        b += a
-        c += b
-        a += np.uint32(y0[p])
-        b += a
-        c += b
+        a, b, c = _next(y15[p], a, b, c)
+        a, b, c = _next(y14[p], a, b, c)
+        a, b, c = _next(y13[p], a, b, c)
+        a, b, c = _next(y12[p], a, b, c)
+        a, b, c = _next(y11[p], a, b, c)
+        a, b, c = _next(y10[p], a, b, c)
+        a, b, c = _next(y9[p], a, b, c)
+        a, b, c = _next(y8[p], a, b, c)
+        a, b, c = _next(y7[p], a, b, c)
+        a, b, c = _next(y6[p], a, b, c)
+        a, b, c = _next(y5[p], a, b, c)
+        a, b, c = _next(y4[p], a, b, c)
+        a, b, c = _next(y3[p], a, b, c)
+        a, b, c = _next(y2[p], a, b, c)
+        a, b, c = _next(y1[p], a, b, c)
+        a, b, c = _next(y0[p], a, b, c)
         s0[p], s1[p], s2[p] = a, b, c
 
 
@@ -67,12 +70,15 @@ def _add(counts, k0, k1, p0, p1, s0, s1, s2):  # type: ignore[no-untyped-def]
     s1[:] = 0
     s2[:] = 0
     k = k1 - 1
-    while k - 7 >= k0:
-        _add_eight(
+    while k - 15 >= k0:
+        _add_many(
             counts[k, p0:p1], counts[k - 1, p0:p1], counts[k - 2, p0:p1], counts[k - 3, p0:p1],
-            counts[k - 4, p0:p1], counts[k - 5, p0:p1], counts[k - 6, p0:p1], counts[k - 7, p0:p1], s0, s1, s2,
+            counts[k - 4, p0:p1], counts[k - 5, p0:p1], counts[k - 6, p0:p1], counts[k - 7, p0:p1],
+            counts[k - 8, p0:p1], counts[k - 9, p0:p1], counts[k - 10, p0:p1], counts[k - 11, p0:p1],
+            counts[k - 12, p0:p1], counts[k - 13, p0:p1], counts[k - 14, p0:p1], counts[k - 15, p0:p1],
+            s0, s1, s2,
         )  # fmt: skip
-        k -= 8
+        k -= 16
     while k >= k0:
         _add_one(counts[k, p0:p1], s0, s1, s2)
         k -= 1
@@ -95,7 +101,7 @@ def _answer(m0, m1, m2, high, back, sums, noise, scale):  # type: ignore[no-unty
     variance += share * lever * lever * (excess * gain * max(back - offset, 0.0) + floor)
     quiet = excess * gain * max(d0, 0.0) + floor * n
     good = (net > 0) & (gain * gain * net * net > 9 * quiet) & (variance > 0)
-    good = good & (t >= 0) & (t <= last) & (high < limit)
+    good = good & (t >= 0) & (t <= last) & (origin + unit * t > 0) & (high < limit)
     value = origin + unit * t if good else np.nan
     # A standard error needs no more than single precision, whose root is four times as fast.
     sigma = np.float32(unit * spread / gain * inverse) * np.sqrt(np.float32(variance)) if good else np.float32(np.nan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from ..optics.jit import kernel
@@ -12,11 +13,16 @@ from .even_design import even_design_of
 from .even_fit import fit_even
 from .maximum import TILE
 from .poisson_fit import fit_careful, fit_fast, start
+from .poisson_flat import fit_flat
 from .registry import estimator
 from .result import masked_result, range_result
-from .stack import load_row, read_stack
+from .stack import Stack, load_row, read_stack
 
 __all__ = ["poisson_ml"]
+
+Float = npt.NDArray[np.float64]
+#: tau, sigma, ok and again (row, col).
+_Out = tuple[Float, Float, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]
 
 
 @kernel(error_model="numpy")
@@ -119,6 +125,38 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                     ok[row, col] = True
 
 
+@kernel(error_model="numpy")
+def _fit_flat_rows(  # type: ignore[no-untyped-def]
+    counts, slices, group, e, s, levels, table, first, last, bounds, candidates, box, mean, norm, snr, units, tau, sigma, ok
+):  # fmt: skip
+    """As `_fit_rows`, for responses with corners: the middle of the likelihood's top, of every pixel."""
+    offset, scale, saturation = levels
+    low, high, width, floor = bounds
+    groups = e.size
+    whole, z, share, running = np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups + 1)
+    for row in range(counts.shape[1]):
+        for col in range(counts.shape[2]):
+            tau[row, col], sigma[row, col], ok[row, col] = np.nan, np.nan, False
+            _usable(counts, slices, group, row, col, offset, scale, saturation, whole, z, share)
+            good = 0
+            for g in range(groups):
+                if share[g] > 0:
+                    good += 1
+            x0, a0, b0 = start(whole, e, s, table, first, last, candidates, box, mean, norm, running)
+            if good < 4 or not a0 > 0:
+                continue
+            for g in range(groups):
+                z[g] += s[g] * share[g]
+            x, a, var_x, var_a, found = fit_flat(
+                z, e * share, s * share, share, table, low, high, width, floor, min(max(x0, low), high), a0,
+                max(b0, floor),
+            )  # fmt: skip
+            if found and a > snr * np.sqrt(var_a) and var_x < width * width and low < x < high:
+                tau[row, col] = units[0] + units[1] * x
+                sigma[row, col] = units[1] * np.sqrt(var_x)
+                ok[row, col] = True
+
+
 @estimator(
     "gated",
     cites="Fisher scoring: Osborne, Int. Stat. Rev. 60:99, 1992; read noise: Snyder et al., JOSA A 12:272, 1995",
@@ -131,7 +169,8 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     F² by scaling, y/F² ~ Poisson(μ/F²), which matches them too. Clipped and NaN samples are left out; laser-off slices
     give background. B is bounded by −σ_r²/2. Start: matched filter on a grid of ¾ σ_R, background projected out; then
     Fisher scoring; pixels that do not settle in some ten steps are done again with step halving on the likelihood.
-    Stacks of even delays go through tiles of pixels in single precision (`even_fit`), others one pixel at a time.
+    Stacks of even delays go through tiles of pixels in single precision (`even_fit`), others one pixel at a time. Where R
+    has corners (rectangular pulse and gate) the likelihood's top may be flat: its middle is taken (`poisson_flat`).
     Other arguments: min_snr: least A in its standard errors, below which no echo is claimed.
     Returns range, sigma [m] from the Fisher information with A and B profiled, valid (row, col): converged, at least
     a quarter of the echo inside the window, sigma below R's own width. Raises InputError for min_snr < 0.
@@ -152,31 +191,41 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     levels = (rig.offset_dn, scale * stack.frames, rig.saturation_dn)
     value, sigma = np.empty(shape), np.empty(shape)
     valid, again = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
-    even = even_design_of(stack)
-    if even is not None:
-        order = np.empty(stack.signal, dtype=np.int64)
-        order[stack.group] = stack.slices
-        # One path for any layout of the array: another one would settle within its tolerance, but not on the same bits.
-        flat = np.ascontiguousarray(stack.counts).reshape(stack.counts.shape[0], -1)
-        fit_even(
-            flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]), even.table, even.phases, even.xi,
-            even.mask, even.pad, (even.low, even.high), even.width, even.grid, even.template, even.span, even.mean,
-            even.norm, min_snr, (factor * even.origin_s, factor * even.step_s), value.reshape(-1), sigma.reshape(-1),
-            valid.reshape(-1), again.reshape(-1),
-        )  # fmt: skip
-    else:
-        again[:] = True
-    # Also where no pixel needs it: what is compiled does not depend on the data, so a warm-up is one.
     design = design_of(stack)
     units = (factor * design.origin_s, factor * design.step_s)
-    _fit_rows(
-        stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first,
-        design.last, (design.low, design.high, design.width, floor), design.candidates, design.box, design.mean,
-        design.norm, min_snr, units, value, sigma, valid, again,
-    )  # fmt: skip
+    bounds = (design.low, design.high, design.width, floor)
+    common = (stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first,
+              design.last, bounds, design.candidates, design.box, design.mean, design.norm, min_snr, units)  # fmt: skip
+    if design.corners:
+        _fit_flat_rows(*common, value, sigma, valid)
+    else:
+        _fit_smooth(stack, levels, shift, floor, min_snr, factor, (value, sigma, valid, again))
+        # Also where no pixel needs it: what is compiled does not depend on the data, so a warm-up is one.
+        _fit_rows(*common, value, sigma, valid, again)
     if direct:
         valid &= value > 0
         if not valid.all():
             value[~valid], sigma[~valid] = np.nan, np.nan
         return masked_result(value, sigma, valid)
     return range_result(*rig.to_range(value, sigma), valid)
+
+
+def _fit_smooth(
+    stack: Stack, levels: tuple[float, ...], shift: Float, floor: float, min_snr: float, factor: float, out: _Out
+) -> None:
+    """Even delays in tiles; `again` (the last of `out`) marks the pixels left to do, all of them for other stacks."""
+    value, sigma, valid, again = out
+    even = even_design_of(stack)
+    if even is None:
+        again[:] = True
+        return
+    order = np.empty(stack.signal, dtype=np.int64)
+    order[stack.group] = stack.slices
+    # One path for any layout of the array: another one would settle within its tolerance, but not on the same bits.
+    flat = np.ascontiguousarray(stack.counts).reshape(stack.counts.shape[0], -1)
+    fit_even(
+        flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]), even.table, even.phases, even.xi,
+        even.mask, even.pad, (even.low, even.high), even.width, even.grid, even.template, even.span, even.mean,
+        even.norm, min_snr, (factor * even.origin_s, factor * even.step_s), value.reshape(-1), sigma.reshape(-1),
+        valid.reshape(-1), again.reshape(-1),
+    )  # fmt: skip

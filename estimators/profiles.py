@@ -52,7 +52,9 @@ def background_e(stack: Stack, how: Background) -> Float:
     if how == "none":
         return np.zeros(stack.counts.shape[1:])
     level, _number = from_outside(stack)
-    return np.asarray(np.nan_to_num((level - stack.instrument.offset_dn) / stack.instrument.dn_per_pe))
+    light = (level - stack.instrument.offset_dn) / stack.instrument.dn_per_pe
+    # Infinite where a sample is: such a pixel is bad, and must not overflow on the way.
+    return np.asarray(np.nan_to_num(light, nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def crossing(stack: Stack, fraction: float, side: Literal["leading", "trailing"]) -> float:

@@ -128,9 +128,10 @@ def get_estimator(name: str) -> Estimator:
     module, _, attribute = targets[name].partition(":")
     try:
         function = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
+    except (Exception, SystemExit) as error:  # a plug-in is a stranger's code: whatever its import raises is told
+        told = f"{type(error).__name__}: {error}"
         raise InputError(
-            f"estimator {name} cannot be imported: {error}", where=targets[name], next_step="check the plug-in package"
+            f"estimator {name} cannot be imported: {told}", where=targets[name], next_step="check the plug-in package"
         ) from error
     return _describe(name, function, targets[name])
 

@@ -144,7 +144,7 @@ def _plan(
 @kernel
 def load_row(counts, slices, group, row, first, offset, scale, saturation, out, bad):  # type: ignore[no-untyped-def]
     """out[col, group] = Σ (counts − offset)·scale over the group's slices, for the columns from `first`; bad[col]
-    counts samples that are clipped or NaN (their sum is left as it falls: the caller treats those pixels apart)."""
+    counts samples that are clipped, NaN or infinite (their sum is left as it falls: the caller treats those pixels apart)."""
     out[:] = 0.0
     bad[:] = 0
     columns = out.shape[0]
@@ -152,6 +152,6 @@ def load_row(counts, slices, group, row, first, offset, scale, saturation, out, 
         k, g = slices[i], group[i]
         for c in range(columns):
             v = float(counts[k, row, first + c])
-            if not v < saturation:
+            if not -np.inf < v < saturation:
                 bad[c] += 1
             out[c, g] += (v - offset) * scale

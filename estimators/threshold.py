@@ -15,7 +15,9 @@ from .stack import read_stack
 __all__ = ["threshold"]
 
 
-@estimator("gated", cites="Palojarvi, Ruotsalainen and Kostamovaara, IEEE J. Solid-State Circuits 40(5):1213, 2005")
+@estimator(
+    "gated", cites="Palojarvi, Ruotsalainen and Kostamovaara, IEEE J. Solid-State Circuits 40(5):1213, 2005 (recalled)"
+)
 def threshold(capture: xr.Dataset, *, level_e: float = 30.0, background: Background = "outside") -> xr.Dataset:
     """τ = t× + u½: t× the delay at which the profile y − B first rises through `level_e`, u½ where R is half its peak.
 

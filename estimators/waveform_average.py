@@ -57,7 +57,9 @@ def _check(reach: float, min_snr: float, where: str) -> None:
         raise InputError("reach and min_snr must not be negative", where=where, value=(reach, min_snr), allowed=">= 0")
 
 
-@estimator("waveform", cites="Guo et al., Figure 7 (weighted average of a photodetector's pulse); Busck 2004")
+@estimator(
+    "waveform", cites="Guo et al., Figure 7 (weighted average of a photodetector's pulse); Busck and Heiselberg 2004"
+)
 def waveform_average(
     capture: xr.Dataset,
     *,
@@ -81,7 +83,7 @@ def waveform_average(
     return _centroid(record, record.z, record.variance(record.z), level, level_var, reach, min_snr)
 
 
-@estimator("waveform", cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (correction of pile-up)")
+@estimator("waveform", cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (recalled; correction of pile-up)")
 def waveform_coates(capture: xr.Dataset, *, reach: float = 3.0, min_snr: float = 4.0) -> xr.Dataset:
     """Weighted average of the rates λ̂_k = −ln(1 − n_k/live_k) of a single-photon histogram.
 

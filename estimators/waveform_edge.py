@@ -90,7 +90,8 @@ def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str)
 
 
 @estimator(
-    "waveform", cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (walk)"
+    "waveform",
+    cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (recalled; walk)",
 )
 def waveform_leading_edge(
     capture: xr.Dataset, *, threshold_sigma: float = 8.0, walk: Literal["median", "none"] = "median"
@@ -136,7 +137,7 @@ def waveform_counter(
     return shot_result(distance, sigma * record.m_per_s, found & (cycles >= 0))
 
 
-@estimator("waveform", cites="Gedcke and McDonald, Nucl. Instrum. Methods 58:253, 1968 (constant fraction)")
+@estimator("waveform", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction)")
 def waveform_constant_fraction(
     capture: xr.Dataset, *, fraction: float = 0.5, smooth: float = 0.5, min_snr: float = 4.0
 ) -> xr.Dataset:
