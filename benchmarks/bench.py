@@ -19,7 +19,8 @@ from .estimator_labels import Chosen
 from .failure_rate import Trial
 from .protocol import write_capture, write_meta
 from .runner import Job, Outcome, Session
-from .score import Bound, Truth, errors_of, score_rows, truth_of
+from .score import Bound, Truth, errors_of, failure_limit, score_rows, truth_of
+from .skips import skipped_rows
 from .spool import Entry, Spool
 from .suite import Cell, Limits
 
@@ -191,9 +192,9 @@ class Bench:
             wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.failure_at,
             modality=outcome.job.modality,
         )  # fmt: skip
+        rows = skipped_rows(rows)
         chosen_elements = _unmixed(truth)
-        threshold = self.failure_at if self.failure_at is not None else 0.5 * bound.response_m
-        limit = np.fmax(5.0 * bound.sigma[chosen_elements], threshold)
+        limit = failure_limit(bound.sigma[chosen_elements], bound, self.failure_at)
         nothing = np.full(limit.shape, math.nan)
         if outcome.status != "ok":
             return Answer(outcome.status, rows, nothing, np.zeros(limit.shape, bool), limit)

@@ -20,6 +20,7 @@ from .estimator_labels import check_estimators
 from .files import write_json, write_text
 from .progress import Progress, silent
 from .record import machine, now, versions
+from .skips import not_applicable, skip_reason
 from .stress import stressed
 from .suite import CELL_NONE, Cell, capture_key
 from .suite_spec import Limits
@@ -93,9 +94,16 @@ class _Judge:
             self.impossible += 1
             return -math.inf
         mine = rows[self.label]
-        best = min((row["rmse_full"] for label, row in rows.items() if label != self.label), default=math.inf)
+        if not_applicable(mine["status"]):
+            raise InputError(
+                "The estimator cannot be judged here.", where=self.label, value=skip_reason(mine["status"])
+            )
+        applicable = [row for label, row in rows.items() if label != self.label and not not_applicable(row["status"])]
+        best = min((row["rmse_full"] for row in applicable), default=math.inf)
         best = max(min(best, mine["rmse_full"]), 1e-12)
-        bounds = [row["bound"] for row in rows.values() if row["bound"] > 0]
+        # A local bound keeps a lucky neighbour from making all others look bad. Bounds near the threshold hold rare
+        # outliers that captures of this size do not show: there the neighbours alone are the measure.
+        bounds = [row["bound"] for row in rows.values() if row["bound"] > 0 and row["bound_kind"] in ("exact", "quasi")]
         reference = max([best, *bounds[:1]])
         badness = math.log10(mine["rmse_full"] / reference) if mine["rmse_full"] > 0 else -math.inf
         return badness + (1.0 if mine["status"] != "ok" else 0.0)
@@ -207,7 +215,7 @@ def _size(modality: str, side: int) -> dict[str, Any]:
 def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -> str:
     """One line for people: who fails how badly, and where."""
     where = ", ".join(f"{axis} = {level:g}" for axis, level in candidate.levels) or "as written"
-    mine, others = rows[0], rows[1:]
+    mine, others = rows[0], [row for row in rows[1:] if not not_applicable(row["status"])] or rows[:1]
     best = min(others, key=lambda row: row["rmse_full"])
     status = "" if mine["status"] == "ok" else f" ({str(mine['status'])[:60]})"
     return (

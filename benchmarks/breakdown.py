@@ -9,7 +9,7 @@ where the estimator holds over the whole axis.
 and when 1 DN is added to every sample: the rms change over elements valid in both, in units of the rms bound of those
 elements, at the last level certainly below the 10 % edge. An element that becomes invalid, or valid, counts with the
 prior's error. Below about .1 nobody can tell; above 1 the change costs more than the noise. Empty where an estimator
-does not take such counts, or fails at every level.
+does not take such counts, or fails at every level. `condition`: what the estimator was told of the rig, as in scores.csv.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ __all__ = [
 
 BREAKDOWN_COLUMNS = (
     "modality", "suite", "estimator", "axis", "unit", "level10", "lo", "hi", "level50", "lo50", "hi50", "mode",
-    "float32_vs_64", "gain_1dn",
+    "float32_vs_64", "gain_1dn", "condition",
 )  # fmt: skip
 MAP_COLUMNS = (
     "modality", "suite", "estimator", "axis", "unit", "level", "axis2", "unit2", "level2", "scene", "seeds", "n",
     "failure_rate", "lo", "hi", "bias", "outlier", "refusal", "crash",
+    "condition",
 )  # fmt: skip
 
 _Z95_ONE_SIDED = 0.025
@@ -55,7 +56,7 @@ def breakdown_row(
     """One row of the table.
 
     Main arguments:
-        key: modality, suite, estimator, axis, unit. levels: as the suite gave them, from benign to breaking.
+        key: modality, suite, estimator, axis, unit, condition. levels: as the suite gave them, from benign to breaking.
         found: the map along the axis, with the edges of 10 % and 50 %.
     """
     falling = levels[-1] < levels[0]
@@ -138,7 +139,7 @@ def map_rows(key: Mapping[str, str], found: EdgeMap) -> list[dict[str, Any]]:
     """failure_map.csv: one row per measured point and scene, and one per point over all scenes (scene "all").
 
     Main arguments:
-        key: modality, suite, estimator, axis, unit, axis2, unit2. `lo`, `hi`: 95 % interval of the rate at that point
+        key: modality, suite, estimator, axis, unit, axis2, unit2, condition. `lo`, `hi`: 95 % interval of the rate at that point
         alone.
     """
     spread = dispersion(found.trials.values())

@@ -1,7 +1,7 @@
 """`beambench break`: search the scene space for where an estimator fails against its neighbours, and make it small.
 
 The badness of a candidate is log10 of the estimator's full RMSE over the best that anybody reaches there: the smallest
-full RMSE of its neighbours, or the bound where that is larger. So scenes that are hard for everyone do not count. An
+full RMSE of its neighbours, or the local bound where that is larger. So scenes that are hard for everyone do not count. An
 estimator that crashes, hangs or breaks the contract has 1 added: its elements already count with the prior's error.
 
 Each axis is tried alone at both ends; of the rest of the budget 60 % is drawn at random and 40 % by mutation of the

@@ -23,9 +23,11 @@ from typing import Any
 
 __all__ = ["main"]
 
-#: A call shorter than this in all is repeated, so that its time is a median and not one draw.
+#: Calls shorter than this in all are repeated, so that a time is a median with a spread and not one draw.
 _ENOUGH_S = 0.1
 _MOST_CALLS = 5
+#: A call is made at least this often, unless calls took this long already.
+_LEAST_CALLS, _LONG_S = 3, 1.0
 
 
 def _die_with_parent() -> None:
@@ -69,8 +71,15 @@ def _touch(capture: Any) -> None:
             variable.values.max()
 
 
+def _again(wall: list[float]) -> bool:
+    """Whether calls of these times leave their median in doubt."""
+    spent = sum(wall)
+    few = len(wall) < _LEAST_CALLS and spent < _LONG_S
+    return not wall or few or (len(wall) < _MOST_CALLS and spent < _ENOUGH_S)
+
+
 def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, Any]]:
-    """The estimate, and CPU and wall time (median over the calls) and peak memory above the baseline (first call)."""
+    """The estimate; CPU and wall time, each call's and the median; peak memory above the baseline, of the first call."""
     _touch(capture)
     try:
         before = _baseline()
@@ -79,7 +88,7 @@ def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, A
     cpu: list[float] = []
     wall: list[float] = []
     result, peak = None, -1
-    while len(wall) < _MOST_CALLS and (not wall or sum(wall) < _ENOUGH_S):
+    while _again(wall):
         cpu_start, wall_start = _cpu_s(), time.perf_counter()
         answer = call(capture)
         wall.append(time.perf_counter() - wall_start)
@@ -91,7 +100,8 @@ def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, A
     return result, {
         "cpu_s": sorted(cpu)[middle],
         "wall_s": sorted(wall)[middle],
-        "calls": len(wall),
+        "cpu_calls": cpu,
+        "wall_calls": wall,
         "peak_bytes": peak,
     }
 
@@ -118,14 +128,25 @@ def _save(result: Any, folder: Path, shape: list[int], quantity: str, dims: list
     return ""
 
 
-def _bind(label: str) -> Callable[[Any], Any]:
-    """The estimator's function with the label's parameters: what is timed is its work and nothing around it."""
+def _bind(label: str) -> tuple[Callable[[Any], Any], str]:
+    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), and the
+    modality that it reads."""
     from ..estimators.labels import check_parameters, parse_label
     from ..estimators.registry import get_estimator
 
     name, params = parse_label(label)
     chosen = get_estimator(name)
-    return partial(chosen.function, **check_parameters(chosen.function, params, where=name))
+    return partial(chosen.function, **check_parameters(chosen.function, params, where=name)), chosen.modality
+
+
+def _home(label: str) -> str:
+    """Where a plug-in comes from, as "module:function"; "" for a built-in."""
+    from importlib.metadata import entry_points
+
+    from ..estimators.registry import ENTRY_POINT_GROUP
+
+    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == label.partition("[")[0]]
+    return found[0] if found else ""
 
 
 def main(arguments: list[str]) -> int:
@@ -142,12 +163,14 @@ def main(arguments: list[str]) -> int:
     def describe(error: BaseException) -> str:
         return f"{type(error).__name__}: {error}"[:500]
 
+    from .estimator_labels import missing_package
     from .protocol import open_capture
 
     try:
-        call = _bind(label)
+        call, modality = _bind(label)
     except BaseException as error:
-        tell(event="refused", message=describe(error))
+        absent = missing_package(error, _home(label))
+        tell(event="refused", message=f"skip: needs the package {absent}" if absent else describe(error))
         return 0
     tell(event="started")
     warm = False
@@ -156,6 +179,9 @@ def main(arguments: list[str]) -> int:
     with os.fdopen(jobs_fd, encoding="utf-8") as jobs:
         for line in jobs:
             job = json.loads(line)
+            if job["modality"] != modality:
+                tell(event="skip", job=job["job"], message=f"reads {modality} captures, not {job['modality']}")
+                continue
             try:
                 capture = open_capture(Path(job["input"]), job["condition"])
                 if not warm:
@@ -169,6 +195,10 @@ def main(arguments: list[str]) -> int:
             except MemoryError as error:
                 tell(event="memory", job=job["job"], message=describe(error))
             except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result
+                absent = "" if warm else missing_package(error, _home(label))
+                if absent:  # told before the first answer, for all captures: none can be left out by choice
+                    tell(event="refused", message=f"skip: needs the package {absent}")
+                    return 0
                 tell(event="error", job=job["job"], message=describe(error))
             else:
                 event = {"event": "invalid", "message": wrong} if wrong else {"event": "done"}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..scenes.errors import InputError
 
-__all__ = ["Chosen", "check_estimators"]
+__all__ = ["Chosen", "check_estimators", "missing_package"]
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,21 @@ class Chosen:
     name: str
     params: str
     label: str
+
+
+def missing_package(error: BaseException | None, home: str = "") -> str:
+    """The package that an import did not find, "" where that is not what went wrong.
+
+    A missing module of ours, of the estimator's own package (`home`: its "module:function"), or inside a package that
+    is installed, is a bug of theirs and no missing extra.
+    """
+    from importlib.util import find_spec
+
+    while error is not None and not isinstance(error, ModuleNotFoundError):
+        error = error.__cause__
+    top = (error.name or "").partition(".")[0] if error is not None else ""
+    own = {"beambench", home.partition(":")[0].partition(".")[0]}
+    return top if top and top not in own and find_spec(top) is None else ""
 
 
 def check_estimators(labels: Iterable[str]) -> list[Chosen]:
@@ -48,7 +63,11 @@ def check_estimators(labels: Iterable[str]) -> list[Chosen]:
                 next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimators list",
             )
         if name in BUILTIN:
-            check_parameters(get_estimator(name).function, params, where=name)
+            try:
+                check_parameters(get_estimator(name).function, params, where=name)
+            except InputError as error:
+                if not missing_package(error, BUILTIN[name]):  # else its child is skipped, with that reason
+                    raise
         full = format_label(name, params)
         if any(other.label == full for other in chosen):
             raise InputError("An estimator is listed twice.", where="estimators", value=full)

@@ -6,17 +6,19 @@ import json
 import math
 import os
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..scenes.errors import InputError
 
-__all__ = ["Journal", "default_folder", "prepare_folder"]
+__all__ = ["Journal", "default_folder", "prepare_folder", "without_nan"]
 
 #: What a run writes, and what `overwrite` may therefore remove. Other files in the folder stay.
 _OURS = (
     "captures", "pictures", "run.json", "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "report.html",
-    "speed-accuracy.png", "speed-accuracy.svg", "journal.jsonl", "breakdown.csv", "failure_map.csv", "maps",
+    "speed-accuracy.png", "speed-accuracy.svg", "journal.jsonl", "breakdown.csv", "failure_map.csv", "maps", "costs.csv",
+    "errors_by_tile.npz", "ranking.csv", "pairs.csv", "profiles.csv",
 )  # fmt: skip
 
 
@@ -93,6 +95,7 @@ class Journal:
     def __init__(self, folder: Path, suite_hash: str) -> None:
         self.path = folder / "journal.jsonl"
         self.done: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+        self.beside: dict[tuple[str, ...], dict[str, Any]] = {}
         if self.path.is_file():
             text = self.path.read_text(encoding="utf-8")
             if not text.endswith("\n"):  # a torn line must not swallow the next one
@@ -104,9 +107,8 @@ class Journal:
                     key, rows = tuple(map(str, entry["key"])), entry["rows"]
                 except (ValueError, KeyError, TypeError):
                     continue  # the last line of an interrupted write
-                self.done[key] = [
-                    {name: math.nan if value is None else value for name, value in row.items()} for row in rows
-                ]
+                self.done[key] = [_with_nan(row) for row in rows]
+                self.beside[key] = entry.get("beside") or {}
         else:
             self._append({"suite_hash": suite_hash})
 
@@ -133,11 +135,17 @@ class Journal:
                 next_step="make room, then repeat with --resume",
             ) from error
 
-    def add(self, key: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
-        """Note finished work. NaN travels as null: JSON has none."""
-        plain = [
-            {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
-            for row in rows
-        ]
+    def add(self, key: tuple[str, ...], rows: list[dict[str, Any]], **beside: Any) -> None:
+        """Note finished work: rows of the score table, and plain data beside them. NaN of a row travels as null: JSON
+        has none."""
         if all(row["status"] == "ok" for row in rows):
-            self._append({"key": list(key), "rows": plain})
+            self._append({"key": list(key), "rows": [without_nan(row) for row in rows], "beside": beside})
+
+
+def without_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as JSON can hold it: what is no finite number becomes None."""
+    return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
+
+
+def _with_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: math.nan if value is None else value for name, value in row.items()}

@@ -7,6 +7,8 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from .costs import read_costs
+from .error_tiles import read_tiles
 from .files import write_text
 from .pictures import (
     DIVERGING,
@@ -21,8 +23,11 @@ from .pictures import (
 )
 from .report_breakdown import page_section
 from .report_charts import panel_title, panels_of, save_charts, speed_accuracy_spec, stress_groups, stress_spec
-from .report_data import Cell, base_cells, cells_of, mark_front, read_run, read_scores, seeds_of, unit_scale
-from .report_text import failures_of, number, rank, rate, summary, time_text
+from .report_data import Cell, base_cells, cells_of, read_run, read_scores, seeds_of, unit_scale
+from .report_front import mark_front
+from .report_ranking import RANKING_HEAD, ranking_section
+from .report_table import score_table
+from .report_text import failures_of, number, rank, rate, skips_of_cells, summary, time_text
 
 __all__ = ["write_report"]
 
@@ -48,7 +53,8 @@ def write_report(run_dir: str | Path) -> Path:
     pictures = read_pictures(folder / "pictures") if (folder / "pictures").is_dir() else []
     cells = cells_of(table)
     base = base_cells(cells)
-    mark_front(base)
+    costs = read_costs(folder)
+    mark_front(base, costs, read_tiles(folder))
     chart = save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg")
     page = _render(
         title=str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run")),
@@ -57,12 +63,17 @@ def write_report(run_dir: str | Path) -> Path:
         panels=_panels(base),
         stresses=_stresses(cells),
         chart_svg=chart,
-        table=_table(cells),
+        table=score_table(cells),
         unit=unit_scale(base[0].unit)[1] if base else "",
         noun=base[0].noun if base else "element",
         scenes=_scenes(pictures, [r.label for r in rank(base)]),
         breakdown=page_section(folder),
         failures=_failures(cells, run),
+        ranking=ranking_section(folder),
+        ranking_head=RANKING_HEAD,
+        skipped=list(skips_of_cells(cells).items()),
+        cached=sum(row["source"] == "cache" for row in costs),
+        timed=len(costs),
         machine=_facts(run.get("machine")),
         versions=_facts(run.get("versions")),
         facts=_facts({k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}),
@@ -104,7 +115,7 @@ def _script_json(value: object) -> str:
 
 def _counts(table: Any, cells: list[Cell]) -> list[tuple[str, str]]:
     counted = {
-        "estimator": len({c.label for c in cells}),
+        "estimator": len({c.label for c in cells if not c.skipped}),
         "scene": len({c.scene for c in cells}),
         "condition": len({c.condition for c in cells}),
         "seed": len(seeds_of(table)),
@@ -143,53 +154,6 @@ def _stresses(cells: list[Cell]) -> list[dict[str, Any]]:
         }
         for position, ((scene, condition, axis), group) in enumerate(stress_groups(cells).items())
     ]
-
-
-def _table(cells: list[Cell]) -> list[dict[str, Any]]:
-    rows = []
-    scenes = list(dict.fromkeys(cell.scene for cell in cells))
-    for cell in sorted(cells, key=lambda c: _table_key(c, scenes)):
-        factor, unit = unit_scale(cell.unit)
-        stress = " ".join(filter(None, (cell.stress, cell.level, cell.stress2, cell.level2)))
-        low, high = cell.efficiency_lo, cell.efficiency_hi
-        span = f" [{low:.2f}, {high:.2f}]" if low == low and high == high else ""
-        values: list[tuple[float, str]] = [
-            (cell.rmse_full * factor, number(cell.rmse_full * factor)),
-            (cell.coverage, rate(cell.coverage)),
-            (cell.rmse * factor, number(cell.rmse * factor)),
-            (cell.bias * factor, number(cell.bias * factor)),
-            (cell.p95 * factor, number(cell.p95 * factor)),
-            (cell.bound * factor, number(cell.bound * factor)),
-            (cell.efficiency, f"{cell.efficiency:.3f}{span}" if cell.efficiency == cell.efficiency else "–"),
-            (cell.z_rms, number(cell.z_rms)),
-            (cell.cover95, rate(cell.cover95)),
-            (cell.failure_rate, rate(cell.failure_rate)),
-            (cell.cpu_per_element_s, time_text(cell.cpu_per_element_s)),
-            (cell.throughput / 1e6, number(cell.throughput / 1e6)),
-            (cell.peak_bytes / 2**20, number(cell.peak_bytes / 2**20)),
-        ]
-        rows.append(
-            {
-                "label": cell.label,
-                "scene": cell.scene,
-                "condition": cell.condition,
-                "stress": stress,
-                "unit": unit,
-                "mixed": cell.mixed,
-                "status": cell.status.partition(":")[0],
-                "ok": cell.ok,
-                "fails": cell.fails,
-                "front": cell.front,
-                "values": [(f"{v:.9g}" if v == v else "", text) for v, text in values],
-            }
-        )
-    return rows
-
-
-def _table_key(cell: Cell, scenes: list[str]) -> tuple[Any, ...]:
-    """Scenes in the order of the run; in each, from the smallest error to the largest, those without one last."""
-    error = cell.rmse_full if cell.rmse_full == cell.rmse_full else float("inf")
-    return (scenes.index(cell.scene), cell.stress, cell.condition != "matched", cell.condition, cell.mixed, error)
 
 
 def _scenes(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]]:

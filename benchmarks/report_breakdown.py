@@ -13,10 +13,10 @@ from .files import write_atomic, write_text
 from .report_charts import PALETTE, SHAPES, _finished
 from .report_text import rate
 
-__all__ = ["TABLE_HEAD", "breakdown_table", "page_section", "read_breakdown", "save_maps"]
+__all__ = ["TABLE_HEAD", "breakdown_table", "curve_name", "page_section", "read_breakdown", "save_maps"]
 
 TABLE_HEAD = (
-    "estimator", "stress", "unit", "10 % fail at", "50 % fail at", "mode", "float32 / 64", "+1 DN",
+    "estimator", "condition", "stress", "unit", "10 % fail at", "50 % fail at", "mode", "float32 / 64", "+1 DN",
 )  # fmt: skip
 
 _CELLS = Mapping[tuple[str, str, str], Sequence[tuple[float, float, float, float]]]
@@ -56,7 +56,7 @@ def breakdown_table(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """The rows as text, in the columns of `TABLE_HEAD`; changes are in bounds."""
     return [
         [
-            str(row["estimator"]), str(row["axis"]), str(row["unit"]),
+            str(row["estimator"]), str(row.get("condition", "")), str(row["axis"]), str(row["unit"]),
             _level(row["level10"], row["lo"], row["hi"]), _level(row["level50"], row["lo50"], row["hi50"]),
             str(row["mode"]), _change(row["float32_vs_64"]), _change(row["gain_1dn"]),
         ]
@@ -83,10 +83,12 @@ def save_maps(
     """Write maps/<axis>.svg and .png for every stress: failure rate against level, or a heat map over two axes.
 
     Main arguments:
-        maps: rows of failure_map.csv. rows: of breakdown.csv. cells: of the grids, by (estimator, axis, axis2).
+        maps: rows of failure_map.csv. rows: of breakdown.csv. cells: of the grids, by (estimator, axis, axis2), where the
+        estimator is named as `curve_name` does it.
     """
     import vl_convert as vlc
 
+    maps, rows = _named(maps), _named(rows)
     place = folder / "maps"
     place.mkdir(exist_ok=True)
     written = []
@@ -105,6 +107,15 @@ def save_maps(
         write_atomic(path.with_suffix(".png"), lambda partial, image=image: _write(partial, image))  # type: ignore[misc]
         written.append(path)
     return written
+
+
+def curve_name(estimator: str, condition: str) -> str:
+    """How pictures name an estimator under a condition: the plain one goes without."""
+    return estimator if condition in ("", "matched") else f"{estimator} ({condition})"
+
+
+def _named(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [{**row, "estimator": curve_name(str(row["estimator"]), str(row.get("condition", "")))} for row in rows]
 
 
 def _write(path: Path, data: bytes) -> None:

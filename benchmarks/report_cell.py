@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from .skips import not_applicable
 
 __all__ = ["FAILS_ABOVE", "Cell"]
 
@@ -45,7 +48,18 @@ class Cell:
     throughput: float
     peak_bytes: float
     status: str
+    #: What the rows that were pooled say, each once.
+    statuses: tuple[str, ...] = ()
+    #: (seed, n, rmse_full, cpu_s) of each row that was pooled.
+    per_seed: tuple[tuple[int, float, float, float], ...] = ()
+    #: In its panel: "front", "dominated", "undecided", or "" where it is not drawn; see `report_front`.
+    verdict: str = ""
+    #: No other point of the panel is better in both figures as they stand.
     front: bool = False
+    cpu_lo: float = math.nan
+    cpu_hi: float = math.nan
+    error_lo: float = math.nan
+    error_hi: float = math.nan
 
     @property
     def ok(self) -> bool:
@@ -63,9 +77,14 @@ class Cell:
         return self.quantity.endswith("-mixed")
 
     @property
+    def skipped(self) -> bool:
+        """True where the estimator does not apply: another modality, or a package that is not installed."""
+        return not_applicable(self.status)
+
+    @property
     def fails(self) -> bool:
-        """True where it did not run, or failed on more than a tenth of the elements."""
-        return not self.ok or self.failure_rate > FAILS_ABOVE
+        """True where it did not run though it applies, or failed on more than a tenth of the elements."""
+        return not self.skipped and (not self.ok or self.failure_rate > FAILS_ABOVE)
 
     @property
     def noun(self) -> str:

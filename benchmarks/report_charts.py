@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .files import write_atomic, write_text
 from .report_data import Cell, unit_scale
 from .report_layout import HEIGHT, WIDTH, log_domain, log_ticks, place_labels
-from .report_text import number, rate, time_text
+from .report_text import number, rate, span
 
 if TYPE_CHECKING:
     import altair as alt
@@ -19,6 +19,7 @@ __all__ = ["panel_title", "panels_of", "save_charts", "speed_accuracy_spec", "st
 #: Okabe and Ito (2008), without black and yellow: told apart by the colour-blind, on white and on dark.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 FRONT, OTHER, BOUND, GROUND = "#D55E00", "#5b8db8", "#8a8f98", "var(--card)"
+VERDICTS = ("front", "undecided", "dominated")
 SHAPES = ("circle", "triangle-up", "square", "diamond", "cross", "triangle-down")
 
 
@@ -58,9 +59,11 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
     conditions = sorted({c.condition for c in cells}, key=lambda name: (name != "matched", name))
     drawn.sort(key=lambda c: conditions.index(c.condition))
     bounds = [c.bound * factor for c in drawn if c.bound > 0]
-    points = _points(drawn, factor, unit, bounds)
+    points = _points(drawn, factor, unit)
+    cpus = [p[k] for p in points for k in ("cpu", "cpu_lo", "cpu_hi") if p[k]]
+    errors = [p[k] for p in points for k in ("error", "error_lo", "error_hi") if p[k]] + bounds
+    place_labels(points, cpus, errors)
     data = alt.InlineData(values=points)
-    cpus, errors = [p["cpu"] for p in points], [p["error"] for p in points] + bounds
     noun = cells[0].noun
     x = alt.X("cpu:Q", title=f"CPU time per {noun}, ns", scale=_log_scale(cpus), axis=_log_axis(cpus))
     y = alt.Y(
@@ -77,7 +80,11 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
         if len(conditions) > 1
         else None,
     )
-    colour = alt.Color("front:N", scale=alt.Scale(domain=[True, False], range=[FRONT, OTHER]), legend=None)
+    ground = GROUND if page else "#ffffff"
+    # The page has the legend in its words.
+    legend = None if page else alt.Legend(title=None, orient="top", symbolStrokeWidth=2)
+    fill = alt.Fill("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, ground, OTHER]), legend=legend)
+    stroke = alt.Stroke("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, FRONT, OTHER]), legend=legend)
     layers: list[Any] = []
     if bounds:
         rule = alt.InlineData(values=[{"bound": sorted(bounds)[len(bounds) // 2], "text": "bound"}])
@@ -95,12 +102,18 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
         )
         layers.append(line.encode(x=x, y=y))
     base = alt.Chart(data)
+    for ends, across in (({"x": alt.X("cpu_lo:Q"), "x2": "cpu_hi:Q", "y": y}, "cpu_lo"),
+                         ({"x": x, "y": alt.Y("error_lo:Q"), "y2": "error_hi:Q"}, "error_lo")):  # fmt: skip
+        rules = base.transform_filter(f"isValid(datum.{across})").mark_rule(strokeWidth=1.6, opacity=0.75)
+        layers.append(rules.encode(stroke=stroke, **ends))
     layers.append(
-        base.mark_point(filled=True, size=95, opacity=1).encode(x=x, y=y, color=colour, shape=shape, tooltip=tips)
+        base.mark_point(size=95, opacity=1, strokeWidth=2).encode(
+            x=x, y=y, fill=fill, stroke=stroke, shape=shape, tooltip=tips
+        )
     )
     # Each label twice: the first, in the colour of the ground, keeps lines from crossing the letters of the second.
     place: dict[str, Any] = {side: alt.ExprRef(f"datum.{side}") for side in ("align", "dx", "dy")}
-    halo: dict[str, Any] = {"stroke": GROUND if page else "#ffffff", "strokeWidth": 4, "strokeJoin": "round"}
+    halo: dict[str, Any] = {"stroke": ground, "strokeWidth": 4, "strokeJoin": "round"}
     for extra in (halo, {}):
         text = base.mark_text(fontSize=11, baseline="middle", **place, **extra)
         layers.append(text.encode(x=x, y=y, text="text:N", tooltip=tips))
@@ -116,31 +129,39 @@ _TIPS = {
     "shown_coverage": "coverage",
     "shown_failed": "failed",
     "shown_cpu": "CPU time of one",
-    "shown_front": "Pareto front",
+    "shown_verdict": "verdict",
 }
 
 
-def _points(cells: list[Cell], factor: float, unit: str, bounds: list[float]) -> list[dict[str, Any]]:
+def _points(cells: list[Cell], factor: float, unit: str) -> list[dict[str, Any]]:
     points: list[dict[str, Any]] = [
         {
             "cpu": c.cpu_per_element_s * 1e9,
             "error": c.rmse_full * factor,
             "front": c.front,
+            "verdict": c.verdict,
+            "cpu_lo": _or_none(c.cpu_lo * 1e9),
+            "cpu_hi": _or_none(c.cpu_hi * 1e9),
+            "error_lo": _or_none(c.error_lo * factor),
+            "error_hi": _or_none(c.error_hi * factor),
             "label": c.label,
             "condition": c.condition,
             "text": c.label + (f" ({rate(c.coverage)})" if c.coverage < 0.99 else ""),
-            "shown_error": f"{number(c.rmse_full * factor)} {unit}",
+            "shown_error": f"{number(c.rmse_full * factor)}{span(c.error_lo * factor, c.error_hi * factor)} {unit}",
             "shown_rmse": f"{number(c.rmse * factor)} {unit}",
             "shown_bound": f"{number(c.bound * factor)} {unit} ({c.bound_kind or 'none'})",
             "shown_coverage": rate(c.coverage),
             "shown_failed": rate(c.failure_rate),
-            "shown_cpu": time_text(c.cpu_per_element_s),
-            "shown_front": "yes" if c.front else "no",
+            "shown_cpu": f"{number(c.cpu_per_element_s * 1e9)}{span(c.cpu_lo * 1e9, c.cpu_hi * 1e9)} ns",
+            "shown_verdict": c.verdict,
         }
         for c in cells
     ]
-    place_labels(points, [p["error"] for p in points] + bounds)
     return points
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) and value > 0 else None
 
 
 def _log_scale(values: list[float]) -> alt.Scale:
@@ -170,6 +191,7 @@ def stress_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
 
     labels = list(dict.fromkeys(c.label for c in cells))
     numeric = all(_is_number(c.level) for c in cells)
+    cells = [c for c in cells if not c.skipped]
     rows = [
         {
             "level": float(c.level) if numeric else c.level,

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMNS",
     "Cell",
+    "axis_text",
     "base_cells",
     "cells_of",
-    "mark_front",
+    "label_of",
+    "level_text",
     "read_run",
     "read_scores",
     "seeds_of",
@@ -171,10 +173,10 @@ def _pool(group: pd.DataFrame) -> Cell:
     efficiency = group["efficiency"].dropna()
     return Cell(
         scene=first["scene"],
-        stress=_axis(first["stress"]),
-        level=_level(first["level"]) if _axis(first["stress"]) else "",
-        stress2=_axis(first["stress2"]),
-        level2=_level(first["level2"]) if _axis(first["stress2"]) else "",
+        stress=axis_text(first["stress"]),
+        level=level_text(first["level"]) if axis_text(first["stress"]) else "",
+        stress2=axis_text(first["stress2"]),
+        level2=level_text(first["level2"]) if axis_text(first["stress2"]) else "",
         condition=first["condition"],
         modality=first["modality"],
         stage=first["stage"],
@@ -202,6 +204,8 @@ def _pool(group: pd.DataFrame) -> Cell:
         throughput=float(group["throughput"].median()),
         peak_bytes=float(group["peak_bytes"].max()),
         status=bad[0] if bad else "ok",
+        statuses=tuple(dict.fromkeys(map(str, group["status"]))),
+        per_seed=tuple(zip(group["seed"].astype(int), group["n"], group["rmse_full"], group["cpu_s"], strict=True)),
     )
 
 
@@ -211,11 +215,13 @@ def _mean(values: pd.Series[float], weight: pd.Series[float]) -> float:
     return float((values[known] * weight[known]).sum()) / total if total > 0 else math.nan
 
 
-def _axis(name: str) -> str:
+def axis_text(name: str) -> str:
+    """The axis of a stress, "" where none was applied."""
     return "" if name.lower() in {"", "none", "nan"} else name
 
 
-def _level(level: str) -> str:
+def level_text(level: str) -> str:
+    """A level in few digits."""
     try:
         return f"{float(level):g}"
     except ValueError:
@@ -226,29 +232,6 @@ def base_cells(cells: list[Cell]) -> list[Cell]:
     """The cells of unmixed elements without stress; where every cell is stressed, all of unmixed elements."""
     plain = [cell for cell in cells if not cell.mixed]
     return [cell for cell in plain if not cell.stressed] or plain
-
-
-def mark_front(cells: list[Cell]) -> None:
-    """Mark, in each panel and condition, the cells that no other beats in both CPU time and error."""
-    groups: dict[tuple[str, ...], list[Cell]] = {}
-    for cell in cells:
-        key = (
-            cell.scene,
-            cell.stage,
-            cell.quantity,
-            cell.condition,
-            cell.stress,
-            cell.level,
-            cell.stress2,
-            cell.level2,
-        )
-        groups.setdefault(key, []).append(cell)
-    for group in groups.values():
-        best = math.inf
-        drawn = [cell for cell in group if cell.ok and cell.cpu_per_element_s > 0 and cell.rmse_full >= 0]
-        for cell in sorted(drawn, key=lambda c: (c.cpu_per_element_s, c.rmse_full)):
-            cell.front = cell.rmse_full < best
-            best = min(best, cell.rmse_full)
 
 
 def unit_scale(unit: str) -> tuple[float, str]:

@@ -14,14 +14,14 @@ _PLACED_WIDTH = 300
 _TOGETHER = 45
 
 
-def place_labels(points: list[dict[str, Any]], errors: list[float]) -> None:
-    """Give each label a side of its point where it covers no point and no label; `errors` span the panel's y axis.
+def place_labels(points: list[dict[str, Any]], cpus: list[float], errors: list[float]) -> None:
+    """Give each label a side of its point where it covers no point and no label; `cpus` and `errors` span the axes.
 
     An estimator's further points (other conditions) are labelled only where they lie apart from the labelled ones.
     """
     if not points:
         return
-    (x0, x1), (y0, y1) = log_domain([p["cpu"] for p in points]), log_domain(errors)
+    (x0, x1), (y0, y1) = log_domain(cpus), log_domain(errors)
     taken: list[tuple[float, float, float, float]] = []
     places: list[tuple[float, float]] = []
     for point in points:

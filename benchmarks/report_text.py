@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .report_data import Cell, base_cells, cells_of, seeds_of, unit_scale
+from .skips import skip_reason
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Ranked", "closing_lines", "failures_of", "number", "rank", "rate", "summary", "time_text"]
+__all__ = [
+    "Ranked", "closing_lines", "failures_of", "number", "plural", "rank", "rate", "skips_of_cells", "span", "summary",
+    "time_text",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,16 @@ def failures_of(cells: list[Cell]) -> dict[str, list[Cell]]:
         label: [cell for cell in cells if cell.label == label and cell.fails]
         for label in dict.fromkeys(cell.label for cell in cells)
     }
+
+
+def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
+    """Why an estimator was skipped, by label; several reasons are joined."""
+    found: dict[str, dict[str, None]] = {}
+    for cell in cells:
+        for status in cell.statuses:
+            if reason := skip_reason(status):
+                found.setdefault(cell.label, {})[reason] = None
+    return {label: "; ".join(reasons) for label, reasons in found.items()}
 
 
 def summary(table: pd.DataFrame) -> list[str]:
@@ -138,6 +152,8 @@ def closing_lines(scores: pd.DataFrame) -> list[str]:
         shown = [_failure(cell) for cell in places[:3]]
         more = f"; and {plural(len(places) - 3, 'more place')}" if len(places) > 3 else ""
         lines.append(f"fails    {label}: " + "; ".join(shown) + more)
+    for label, reason in skips_of_cells(cells).items():
+        lines.append(f"skipped  {label}: {reason}")
     if ranked and not any(said.values()):
         lines.append(f"fails    none: every estimator failed on at most 10 % of the {cells[0].noun}s everywhere")
     return lines
@@ -167,6 +183,11 @@ def number(value: float, digits: int = 3) -> str:
     if not -4 <= size < 6:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(0, digits - 1 - size)}f}"
+
+
+def span(low: float, high: float) -> str:
+    """` [low, high]`, nothing where an end is unknown."""
+    return f" [{number(low)}, {number(high)}]" if math.isfinite(low) and math.isfinite(high) else ""
 
 
 def rate(value: float) -> str:

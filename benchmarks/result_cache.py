@@ -2,8 +2,11 @@
 
 The key is a SHA-256 over everything that an answer can depend on: every byte that the child is shown (arrays, and the
 declared rig of the condition), the label with its parameters, the estimator's source, the versions of the packages, and
-the machine. Only answers with status "ok" are kept: a failure is tried anew. Scores are computed from the answer each
-time, so that truth, bounds and thresholds never come from here; times and memory are those of the first measurement.
+the machine. Only answers with status "ok" are kept: a failure or a skip is tried anew. Scores are computed from the
+answer each time, so that truth, bounds and thresholds never come from here; times and memory are those of the first
+measurement, and marked so (costs.csv, `source`).
+
+A run uses it only when told to (`--cache`): times are half of what a run tells, and by default they are measured.
 """
 
 from __future__ import annotations
@@ -127,13 +130,17 @@ class ResultCache:
             with np.load(path, allow_pickle=False) as data:
                 arrays = {name: data[name] for name in ("range", "sigma", "valid")}
                 costs = [float(value) for value in data["costs"]]
+                cpu_calls, wall_calls = (tuple(map(float, data[name])) for name in ("cpu_calls", "wall_calls"))
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
             return None
         if any(array.shape != job.shape for array in arrays.values()) or len(costs) != len(_COSTS):
             return None
         self.hits += 1
         cpu_s, wall_s, peak_bytes = costs
-        return Outcome(job, "ok", arrays, cpu_s=cpu_s, wall_s=wall_s, peak_bytes=peak_bytes)
+        return Outcome(
+            job, "ok", arrays, cpu_s=cpu_s, wall_s=wall_s, peak_bytes=peak_bytes, cpu_calls=cpu_calls,
+            wall_calls=wall_calls,
+        )  # fmt: skip
 
     def put(self, outcome: Outcome, chosen: Chosen) -> None:
         """Keep an answer, unless it is a failure. A cache that cannot be written is left alone."""
@@ -145,6 +152,8 @@ class ResultCache:
             self.root.mkdir(parents=True, exist_ok=True)
             arrays: dict[str, Any] = {name: outcome.arrays[name] for name in ("range", "sigma", "valid")}
             with open(partial, "wb") as file:
+                for name in ("cpu_calls", "wall_calls"):
+                    arrays[name] = np.array(getattr(outcome, name), np.float64)
                 np.savez_compressed(file, costs=np.array([getattr(outcome, name) for name in _COSTS]), **arrays)
             os.replace(partial, self.root / f"{key}.npz")
         except OSError:

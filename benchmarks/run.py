@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 import warnings
@@ -11,15 +12,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..scenes.errors import InputError
+from .costs import cost_row, write_costs
+from .error_tiles import TileKey, tile_sums, write_tiles
 from .estimator_labels import Chosen, check_estimators
 from .files import write_json
-from .output import Journal, default_folder, prepare_folder
+from .output import Journal, default_folder, prepare_folder, without_nan
 from .picture_files import write_picture
 from .progress import Progress, silent
 from .record import machine, now, versions
 from .result_cache import ResultCache
 from .runner import Job, Outcome, Session, run_sessions
 from .score import errors_of, score_rows
+from .skips import not_applicable, skipped_rows, skips_of
 from .spool import Entry, Spool
 from .suite import Cell, Loaded, cells_of, load_suite
 from .suite_spec import Split
@@ -96,6 +100,8 @@ def run_suite(
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
     write_tables(folder, rows)
+    write_costs(folder, run.costs)
+    write_tiles(folder, run.tiles)
     run.stages["tables"] = time.perf_counter() - tick
     record = {
         "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
@@ -104,7 +110,7 @@ def run_suite(
         "overrides": dict(overrides or {}), "command": command or [], "started": began, "finished": now(),
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
         "machine": machine(), "versions": versions(), "warnings": run.warnings, "failures": run.failures,
-        "answers_from_cache": run.cache.hits if run.cache is not None else 0,
+        "skipped": skips_of(rows), "answers_from_cache": run.cache.hits if run.cache is not None else 0,
     }  # fmt: skip
     write_json(folder / "run.json", record)
     page = None
@@ -150,6 +156,9 @@ class _Run:
         self.folder, self.progress = folder, progress
         self.journal = Journal(folder, loaded.hash)
         self.rows: list[dict[str, Any]] = []
+        self.costs: list[dict[str, Any]] = []
+        self.tiles: dict[TileKey, tuple[Any, Any]] = {}
+        self._device = str(machine()["device_class"])
         self.warnings: list[str] = []
         self.failures: list[dict[str, str]] = []
         self.stages = dict.fromkeys(("generate", "store", "bound", "calibrate", "estimate"), 0.0)
@@ -233,9 +242,10 @@ class _Run:
         jobs: list[Job] = []
         for entry in batch:
             for condition in self.suite.conditions:
-                finished = self.journal.done.get(self._journal_key(entry, condition, chosen))
+                key = self._journal_key(entry, condition, chosen)
+                finished = self.journal.done.get(key)
                 if finished is not None:
-                    self.rows += finished
+                    self._keep(entry, condition, chosen, finished, self.journal.beside[key])
                     self.done += 1
                     continue
                 job = Job(entry.index, entry.folder, condition, entry.modality, entry.shape)
@@ -270,9 +280,19 @@ class _Run:
             wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.suite.failure_at,
             modality=entry.modality,
         )  # fmt: skip
-        self.rows += rows
-        self.journal.add(self._journal_key(entry, job.condition, chosen), rows)
-        if outcome.status != "ok":
+        rows = skipped_rows(rows)
+        beside: dict[str, Any] = {}
+        if not not_applicable(outcome.status):
+            cost = cost_row(key, outcome, device_class=self._device, source="measured" if fresh else "cache")
+            beside["cost"] = without_nan(cost)
+            if cell.level != cell.level:
+                sums, counts = tile_sums(outcome.arrays or None if outcome.status == "ok" else None, truth, bound)
+                beside["tiles"] = [sums.tolist(), counts.tolist()]
+        self._keep(entry, job.condition, chosen, rows, beside)
+        self.journal.add(self._journal_key(entry, job.condition, chosen), rows, **beside)
+        if outcome.status.startswith("skip:"):
+            pass  # told once per estimator and reason, in `skipped`
+        elif outcome.status != "ok":
             message = outcome.status + (f"\n{outcome.printed}" if outcome.printed.strip() else "")
             self.failures.append({
                 "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
@@ -290,6 +310,17 @@ class _Run:
             )
         self.done += 1
         self.progress("estimate", self.done, self.total, chosen.label)
+
+    def _keep(
+        self, entry: Entry, condition: str, chosen: Chosen, rows: list[dict[str, Any]], beside: dict[str, Any]
+    ) -> None:
+        """Add one estimate's rows, and its cost and errors by tile, to the run's."""
+        self.rows += rows
+        if "cost" in beside:
+            self.costs.append({name: math.nan if v is None else v for name, v in beside["cost"].items()})
+        if "tiles" in beside:
+            sums, counts = beside["tiles"]
+            self.tiles[entry.cell.scene_name, condition, entry.cell.seed, chosen.label] = (sums, counts)
 
     def _shown(self, cell: Cell, condition: str) -> bool:
         """Pictures are kept of scenes as written, first seed, first condition."""

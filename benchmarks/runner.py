@@ -23,6 +23,7 @@ import numpy as np
 
 from .process import Child
 from .protocol import RESULT, read_results
+from .skips import GAVE_UP
 from .suite_spec import Limits
 
 __all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
@@ -49,7 +50,10 @@ class Job:
 
 @dataclass
 class Outcome:
-    """What came of a job. `status` is "ok", or one of crash:, timeout:, memory:, flood:, error:, invalid:."""
+    """What came of a job. `status` is "ok", or one of crash:, timeout:, memory:, flood:, error:, invalid:, skip:.
+
+    `cpu_s`, `wall_s`: median over the timed calls, which `cpu_calls` and `wall_calls` hold one by one.
+    """
 
     job: Job
     status: str
@@ -58,6 +62,8 @@ class Outcome:
     wall_s: float = float("nan")
     peak_bytes: float = float("nan")
     printed: str = ""
+    cpu_calls: tuple[float, ...] = ()
+    wall_calls: tuple[float, ...] = ()
 
 
 class Session:
@@ -76,6 +82,7 @@ class Session:
         self._child: Child | None = None
         self._first: Outcome | None = None
         self._refused = ""
+        self._answered = False
 
     def start(self) -> None:
         """Start the child; it imports meanwhile."""
@@ -87,18 +94,27 @@ class Session:
             self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
 
     def run(self, on_outcome: Callable[[Outcome], None]) -> None:
-        """Do all jobs, starting the child again where needed, and hand each outcome on."""
+        """Do all jobs, starting the child again where needed, and hand each outcome on.
+
+        An estimator that exceeds its limits `limits.give_up_after` times in a row is not started again: its remaining
+        jobs are "skip: gave up ...", which scores like a refusal of every element.
+        """
+        exceeded = 0
         for number, job in enumerate(self.jobs):
             if number == 0 and self._first is not None:
                 outcome: Outcome | None = self._first
             elif self._refused:
                 outcome = Outcome(job, self._refused)
+            elif exceeded >= self.limits.give_up_after:
+                outcome = Outcome(job, f"{GAVE_UP} {exceeded} times in a row")
             else:
                 if self._child is None:
                     self.start()
                 assert self._child is not None
                 outcome = self._attempt(self._child, job, only_warm=False)
             assert outcome is not None
+            if not outcome.status.startswith(GAVE_UP):
+                exceeded = exceeded + 1 if outcome.status.startswith(("timeout:", "memory:")) else 0
             on_outcome(outcome)
             shutil.rmtree(self._answer(job), ignore_errors=True)
 
@@ -123,7 +139,12 @@ class Session:
             self.close(kill=True)
             assert outcome is not None
             if outcome.status.startswith(_REFUSED):
-                outcome.status = self._refused = "error: " + outcome.status.removeprefix(_REFUSED)
+                reason = outcome.status.removeprefix(_REFUSED)
+                # A skip is told before the first capture is answered, or it is an error: none is left out by choice.
+                skipped = reason.startswith("skip: ") and not self._answered
+                outcome.status = self._refused = reason if skipped else f"error: {reason}"
+        elif outcome is not None:
+            self._answered = True
         return outcome
 
 
@@ -168,7 +189,7 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
     child.printed, child.tail = 0, b""
     message = {
         "job": job.index, "input": str(job.folder), "condition": job.condition, "output": str(answer),
-        "shape": list(job.shape), "quantity": quantity, "dims": list(dims),
+        "shape": list(job.shape), "quantity": quantity, "dims": list(dims), "modality": job.modality,
         "only_warm": only_warm, "timed": job.timed,
     }  # fmt: skip
     child.send(message)
@@ -195,7 +216,7 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
                         if only_warm:
                             return None, True
                         deadline = time.monotonic() + limits.time_s
-                    elif kind in ("error", "memory", "invalid"):
+                    elif kind in ("error", "memory", "invalid", "skip"):
                         return _outcome(child, job, f"{kind}: {_line(event)}"), True
                     elif kind == "done":
                         return _finished(child, job, event, answer), True
@@ -219,6 +240,10 @@ def _finished(child: Child, job: Job, event: dict[str, Any], answer: Path) -> Ou
         value = event.get(name)
         if isinstance(value, int | float) and value >= 0:
             setattr(outcome, name, float(value))
+    for name in ("cpu_calls", "wall_calls"):
+        calls = event.get(name)
+        if isinstance(calls, list) and all(isinstance(call, int | float) and call >= 0 for call in calls):
+            setattr(outcome, name, tuple(map(float, calls)))
     return outcome
 
 

@@ -1,6 +1,6 @@
 """Cost of an estimator against size: CPU time and memory over pixels and over slices, with the fitted exponent.
 
-    python -m beambench.benchmarks.scaling poisson-ml weighted-average
+    python -m beambench.benchmarks.scaling poisson-ml weighted-average --out scaling
 
 Stacks come from a closed form (`peers.stacks`), every size at the same light per pixel. The estimator runs in a child
 process as in a suite: threads pinned to one, warmed up, timed around the call. Sizes are visited in an order that
@@ -9,8 +9,10 @@ changes from repeat to repeat, so that a machine that slows down does not pass f
     cost(n) = a n^q          between the sizes given; q by least squares on logarithms, its interval from the scatter
                              between repeats and about the line, whichever is larger (a bend is scatter too).
 
-Small sizes cost a constant that hides the power: `knee` is the size at which the cost has doubled from it. Figures of
-different device classes are never in one fit.
+Small sizes cost a constant that hides the power: `knee` is the size at which the cost has doubled from it. Whether a
+cost grows linearly is therefore asked of a line with a constant: `excess` is the cost of the largest size over what the
+line a + b·n through all smaller sizes foretells, with its 95 % interval; above 1 it grows faster. Figures of different
+device classes are never in one fit.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scenes.errors import InputError
+from .files import write_text
 
 __all__ = ["Cost", "Exponent", "fit_exponent", "measure_scaling"]
 
@@ -52,9 +55,12 @@ class Cost:
 
 @dataclass(frozen=True)
 class Exponent:
-    """cost ∝ size^value on one axis and device class, with its 95 % interval; `end`: the exponent between the two largest
-    sizes alone; CPU time at the largest size, the same per element, its relative spread between repeats; `knee` in the
-    unit of size (NaN where the line holds throughout)."""
+    """cost ∝ size^value on one axis and device class, with its 95 % interval `low`, `high`.
+
+    `end`: the exponent between the two largest sizes alone. `excess` with its interval: cost of the largest size over
+    the line a + b·n of the others. `largest_s`, `per_element_s`, `spread`: CPU time at the largest size, the same per
+    element, its relative spread between repeats. `knee`: in the unit of size, NaN where the line holds throughout.
+    """
 
     estimator: str
     axis: Axis
@@ -67,6 +73,9 @@ class Exponent:
     per_element_s: float
     spread: float
     knee: float
+    excess: float
+    excess_low: float
+    excess_high: float
 
 
 def fit_exponent(costs: Sequence[Cost]) -> Exponent:
@@ -103,8 +112,9 @@ def fit_exponent(costs: Sequence[Cost]) -> Exponent:
     spread = float(last.std(ddof=1) / last.mean()) if last.size > 1 else math.nan
     end = float((middle[-1] - middle[-2]) / (x[-1] - x[-2]))
     return Exponent(
-        estimator, axis, device, value, low, high, end, largest, largest / sizes[-1], spread, _knee(x, middle, groups)
-    )
+        estimator, axis, device, value, low, high, end, largest, largest / sizes[-1], spread, _knee(x, middle, groups),
+        *_excess(np.asarray(sizes, np.float64), middle, groups),
+    )  # fmt: skip
 
 
 def _line(
@@ -125,6 +135,33 @@ def _line(
     if freedom > 0:
         half = max(half, float(t.ppf(0.975, freedom)) * math.sqrt(between))
     return value, value - half, value + half
+
+
+def _excess(
+    n: npt.NDArray[np.float64], y: npt.NDArray[np.float64], groups: Sequence[npt.NDArray[np.float64]]
+) -> tuple[float, float, float]:
+    """(ratio, low, high) of the largest size's cost to the line a + b·n through the others, weighted by 1/cost².
+
+    The interval is from the scatter between repeats, pooled over sizes in relative terms (NaN without repeats), carried
+    through the weighted least squares: prediction = g·c with c the medians of the smaller sizes.
+    """
+    from scipy.stats import t
+
+    cost = np.exp(y)
+    design = np.stack([np.ones(n.size - 1), n[:-1]], axis=1) / cost[:-1, None]
+    gain = np.array([1.0, n[-1]]) @ np.linalg.pinv(design) / cost[:-1]
+    predicted = float(gain @ cost[:-1])
+    if not predicted > 0:
+        return math.nan, math.nan, math.nan
+    ratio, freedom = float(cost[-1]) / predicted, sum(g.size - 1 for g in groups)
+    if freedom < 1:
+        return ratio, math.nan, math.nan
+    scatter = math.sqrt(sum(float(((np.log(g) - np.log(g).mean()) ** 2).sum()) for g in groups) / freedom)
+    # Relative error of each median: π/2 of a mean's variance.
+    each = np.array([scatter * math.sqrt(math.pi / 2 / g.size) for g in groups])
+    share = gain * cost[:-1] / predicted
+    half = float(t.ppf(0.975, freedom)) * math.sqrt(float(((share * each[:-1]) ** 2).sum()) + float(each[-1]) ** 2)
+    return ratio, ratio * math.exp(-half), ratio * math.exp(half)
 
 
 def _knee(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], groups: Sequence[npt.NDArray[np.float64]]) -> float:
@@ -212,22 +249,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("estimators", nargs="+")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--json", action="store_true", help="every timed call as a line of JSON")
+    parser.add_argument("--out", type=Path, help="folder for scaling.csv (calls) and exponents.csv")
     chosen = parser.parse_args(arguments)
-    print(f"{'estimator':40} {'axis':7} exponent  95 % interval      end  largest s  per element s  spread   knee")
+    calls: list[dict[str, Any]] = []
+    fits: list[dict[str, Any]] = []
+    print(
+        f"{'estimator':36} {'axis':7} exponent  95 % interval      end  over the line          largest s  per element s"
+        "  spread   knee"
+    )
     for label in chosen.estimators:
         for axis in ("pixels", "slices"):
             costs = measure_scaling(label, axis=axis, repeats=chosen.repeats)
+            calls += [asdict(cost) for cost in costs]
             if chosen.json:
                 import json
 
                 for cost in costs:
                     print(json.dumps(asdict(cost)))
             fit = fit_exponent(costs)
+            fits.append(asdict(fit))
+            over = f"{fit.excess:.3f} [{fit.excess_low:.3f}, {fit.excess_high:.3f}]"
             knee = f"{fit.knee:.3g}" if fit.knee == fit.knee else "-"
             print(
-                f"{label:40} {axis:7} {fit.value:8.3f}  [{fit.low:.3f}, {fit.high:.3f}] {fit.end:8.3f} {fit.largest_s:10.4g} "
+                f"{label:36} {axis:7} {fit.value:8.3f}  [{fit.low:.3f}, {fit.high:.3f}] {fit.end:8.3f}  {over:20} "
+                f"{fit.largest_s:10.4g} "
                 f"{fit.per_element_s:13.3g} {100 * fit.spread:6.1f}% {knee:>6}"
             )
+    if chosen.out is not None:
+        from .tables import to_csv
+
+        chosen.out.mkdir(parents=True, exist_ok=True)
+        write_text(chosen.out / "scaling.csv", to_csv(calls, [field.name for field in fields(Cost)]))
+        write_text(chosen.out / "exponents.csv", to_csv(fits, [field.name for field in fields(Exponent)]))
     return 0
 
 

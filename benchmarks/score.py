@@ -3,13 +3,17 @@
 With e = estimate − truth over the n elements that have a truth, V those of them marked valid, b the bound and X the
 failure threshold:
 
-    coverage = |V|/n                    failure_rate = share of n invalid or with |e| > max(5 b, X)
+    coverage = |V|/n                    failure_rate = share of n invalid or with |e| > L,
+                                        L = max(X, min(5 b, 2 X, or cσ_R/2n_g if that is more))
     bias, rmse, mae, p95 over V         rmse_full: invalid elements count with the prior's error, window/√12
     bound = √mean(b²) over V            efficiency = 1/mean((e/b)²) over V, outliers included;
     z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or |bias| > .1 rmse
     cover95 = share of V with |e| ≤ 1.96 σ
 
-X = ½·cσ_R/2n_g for gated captures (σ_R: standard deviation of the response R), or the suite's `failure_at`.
+X = ½·cσ_R/2n_g for gated captures (σ_R: standard deviation of the response R), or the suite's `failure_at`. L is five
+bounds as long as that is within the echo; an answer off by more than the echo's own width has found something else, and
+fails however little light there was. `bound_kind` is "exact" or "quasi" where all elements of the row are regular, that
+is where the Cramér-Rao bound can be reached, and "ziv-zakai" or "bayes" where not (`bounds.regular`).
 A mixed element holds several ranges, so it is scored by its distance from [truth_first, truth_last]: any range within
 is right, and no bound is asserted. A run that did not end "ok" has coverage 0 and failure rate 1.
 """
@@ -26,7 +30,10 @@ import xarray as xr
 
 from .statistics import block_bootstrap_ratio, block_ids
 
-__all__ = ["ACCURACY", "COLUMNS", "KEY", "TIMES", "Bound", "Truth", "errors_of", "score_rows", "truth_of"]
+__all__ = [
+    "ACCURACY", "COLUMNS", "KEY", "REGULAR_KINDS", "TIMES", "Bound", "Truth", "errors_of", "failure_limit", "score_rows",
+    "truth_of",
+]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -44,6 +51,9 @@ COLUMNS = (
 TIMES = ("cpu_s", "wall_s", "throughput", "peak_bytes")
 ACCURACY = tuple(name for name in COLUMNS if name not in TIMES)
 
+#: Kinds of bound of a row all of whose elements are regular.
+REGULAR_KINDS = ("exact", "quasi")
+
 _EFFICIENT_COVERAGE = 0.99
 _EFFICIENT_BIAS = 0.1
 
@@ -54,7 +64,8 @@ class Bound:
 
     Main arguments:
         sigma (row, col), or (shot): m; infinite where the capture holds no information, NaN where there is no truth.
-        kind: "exact" or "quasi". response_m: cσ_R/2n_g. window_m: span of range that the stack can answer.
+        kind: "exact" or "quasi"; "ziv-zakai" or "bayes"; "none". response_m: cσ_R/2n_g. window_m: span of range that the
+        stack can answer.
     """
 
     sigma: Float
@@ -98,6 +109,20 @@ def errors_of(estimate: Float, truth: Truth) -> Float:
         return np.where(truth.mixed, outside, estimate - truth.range)
 
 
+def failure_limit(sigma: Float, bound: Bound, failure_at: float | None = None) -> Float:
+    """|error| beyond which an element has failed, m: five bounds, but at least X and at most the larger of 2X and the
+    response's standard deviation; X where there is no bound.
+
+    Main arguments:
+        sigma: bounds of the elements wanted, m, any shape. bound: of the capture, for its scale.
+    Other arguments:
+        failure_at: X, m; half the response's standard deviation if None.
+    """
+    at = failure_at if failure_at is not None else 0.5 * bound.response_m
+    # fmax: elements without a bound are judged by X.
+    return np.asarray(np.minimum(np.fmax(5.0 * sigma, at), max(2.0 * at, bound.response_m)), np.float64)
+
+
 def score_rows(
     key: dict[str, Any],
     truth: Truth,
@@ -135,7 +160,7 @@ def score_rows(
         sigma_bound = bound.sigma[chosen] if unmixed else np.full(int(chosen.sum()), math.nan)
         figures = _figures(
             errors[chosen], estimate["sigma"][chosen], estimate["valid"][chosen], sigma_bound, blocks[chosen],
-            threshold, bound.prior_m,
+            failure_limit(sigma_bound, bound, failure_at), bound.prior_m,
         )  # fmt: skip
         figures["bound_kind"] = _kind(bound, sigma_bound) if unmixed else "none"
         row = {
@@ -149,11 +174,11 @@ def score_rows(
 
 def _kind(bound: Bound, sigma: Float) -> str:
     """Elements whose bound exceeds the prior's error are held at it, so that the mean is no longer an exact bound."""
-    return "quasi" if np.any(sigma > bound.prior_m) else bound.kind
+    return "quasi" if bound.kind == "exact" and np.any(sigma > bound.prior_m) else bound.kind
 
 
 def _figures(
-    error: Float, sigma: Float, valid: Bool, bound: Float, block: npt.NDArray[np.intp], threshold: float, prior: float
+    error: Float, sigma: Float, valid: Bool, bound: Float, block: npt.NDArray[np.intp], limit: Float, prior: float
 ) -> dict[str, Any]:
     nan = math.nan
     n = int(error.size)
@@ -165,7 +190,6 @@ def _figures(
     if n == 0:
         return figures
     with np.errstate(invalid="ignore"):
-        limit = np.fmax(5.0 * bound, threshold)  # fmax: elements without a bound are judged by the threshold
         failed = ~valid | ~(np.abs(error) <= limit)
     figures["coverage"] = float(valid.mean())
     figures["failure_rate"] = float(failed.mean())

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scenes.errors import InputError
-from ..scenes.load import load_scene, read_spec_file, validate_spec
+from ..scenes.load import find_spec_file, load_scene, read_spec_file, validate_spec
 from ..scenes.overrides import apply_overrides
 from ..scenes.scene import Scene
 from .stress import stressed
@@ -71,7 +71,7 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
     if isinstance(source, Mapping):
         data, where, folder = dict(source), "suite data", Path.cwd()
     else:
-        path = _find(str(source))
+        path = find_spec_file(str(source), SUITES, kind="suite", next_step="beambench run quickstart")
         data, where, folder = read_spec_file(path), str(source), path.parent
     of_suite, of_scenes = _split(overrides or {})
     scenes = data.get("scenes")
@@ -98,23 +98,6 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
         for _, scene in loaded:
             _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
     return Loaded(suite, tuple(loaded), suite_hash(suite, loaded))
-
-
-def _find(source: str) -> Path:
-    inside = SUITES / f"{source}.toml"
-    if "/" not in source and inside.is_file():
-        return inside
-    path = Path(source).expanduser()
-    if path.suffix in {".toml", ".json"} and path.is_file():
-        return path
-    near = difflib.get_close_matches(source, list_suites(), n=3, cutoff=0.4)
-    raise InputError(
-        "There is no such suite.",
-        where="suite",
-        value=source,
-        allowed="a path to a .toml or .json file, or one of: " + ", ".join(list_suites()),
-        next_step=f"did you mean {' or '.join(near)}?" if near else "beambench run quickstart",
-    )
 
 
 def _anchor(name: str, folder: Path) -> str:

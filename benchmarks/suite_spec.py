@@ -70,12 +70,14 @@ class Limits(Spec):
     Other arguments:
         warmup_s: wall time of start and warm-up, which may compile.
         output_bytes: what may be printed.
+        give_up_after: so many captures in a row over a limit of time or memory, and the rest is skipped.
     """
 
     time_s: Positive
     memory_bytes: Annotated[int, Field(ge=2**20)]
     warmup_s: Positive = 120.0
     output_bytes: Annotated[int, Field(ge=0)] = 2**20
+    give_up_after: Annotated[int, Field(ge=1)] = 3
 
 
 class Calibration(Spec):

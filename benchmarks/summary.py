@@ -1,7 +1,9 @@
 """summary.csv: seeds pooled per scene, stress level, condition and estimator, with intervals.
 
 Squares are pooled as squares (weights: elements). Rates have Wilson intervals on the number of elements; `rmse_full`
-and `efficiency` have t intervals over seeds, which is what varies independently, and none with one seed.
+and `efficiency` have t intervals over seeds, which is what varies independently, and none with one seed. `regular` is
+the share of seeds whose bound is the Cramér-Rao bound, reached by an efficient estimator ("exact", "quasi"); `bound_kind`
+is the weakest of theirs.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .inference_rates import wilson_interval
+from .score import REGULAR_KINDS
 
 __all__ = ["SUMMARY_COLUMNS", "summarise", "wilson_interval"]
 
@@ -23,9 +26,12 @@ _GROUP = (
 SUMMARY_COLUMNS = (
     *_GROUP, "seeds", "n", "coverage", "coverage_lo", "coverage_hi", "failure_rate", "failure_rate_lo",
     "failure_rate_hi",
-    "bias", "rmse", "rmse_full", "rmse_full_lo", "rmse_full_hi", "bound", "bound_kind", "efficiency", "efficiency_lo",
-    "efficiency_hi", "z_rms", "cover95", "cpu_s", "cpu_s_lo", "cpu_s_hi", "throughput", "peak_bytes", "status",
+    "bias", "rmse", "rmse_full", "rmse_full_lo", "rmse_full_hi", "bound", "bound_kind", "regular", "efficiency",
+    "efficiency_lo", "efficiency_hi", "z_rms", "cover95", "cpu_s", "cpu_s_lo", "cpu_s_hi", "throughput", "peak_bytes", "status",
 )  # fmt: skip
+
+#: What a pooled bound may still be called.
+_WEAKEST_FIRST = ("none", "ziv-zakai", "bayes", "quasi", "exact")
 
 
 def _t_interval(values: list[float]) -> tuple[float, float]:
@@ -69,6 +75,7 @@ def _pool(group: list[dict[str, Any]]) -> dict[str, Any]:
     full_lo, full_hi = _t_interval(full)
     cpu = [v for v in column("cpu_s") if not math.isnan(v)]
     one = len(group) == 1
+    kinds = [str(row["bound_kind"]) for row in group]
     bad = sorted({str(row["status"]) for row in group} - {"ok"})
     return {
         **{name: first[name] for name in _GROUP},
@@ -80,7 +87,8 @@ def _pool(group: list[dict[str, Any]]) -> dict[str, Any]:
         "rmse_full": math.sqrt(_mean([v * v for v in column("rmse_full")], n)),
         "rmse_full_lo": max(full_lo, 0.0), "rmse_full_hi": full_hi,
         "bound": math.sqrt(_mean([v * v for v in column("bound")], valid)),
-        "bound_kind": "quasi" if any(row["bound_kind"] == "quasi" for row in group) else first["bound_kind"],
+        "bound_kind": min(kinds, key=_WEAKEST_FIRST.index),
+        "regular": _mean([math.nan if k == "none" else float(k in REGULAR_KINDS) for k in kinds], [1.0] * len(kinds)),
         "efficiency": 1.0 / float(np.mean(whole)) if whole else math.nan,
         # With one seed the interval is the one over blocks of pixels; an interval of 1/efficiency is inverted.
         "efficiency_lo": float(first["efficiency_lo"]) if one else 1.0 / high,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,11 @@ from .estimator_labels import Chosen, check_estimators
 from .failure_map import EdgeMap, Point, refine_axis, refine_grid
 from .failure_rate import Trial
 from .files import write_json
-from .output import Journal, default_folder, prepare_folder
+from .output import Journal, default_folder, prepare_folder, without_nan
 from .progress import Progress, silent
 from .record import machine, now, versions
+from .report_breakdown import curve_name, save_maps
+from .skips import not_applicable, skips_of
 from .stress import axis_unit, stressed
 from .suite import CELL_NONE, Cell, Loaded, capture_key, load_suite
 from .suite_spec import Split, Stress
@@ -39,6 +42,7 @@ class SweepResult:
     report: Path | None
     wall_s: float
     failures: list[dict[str, str]] = field(default_factory=list)
+    skipped: list[dict[str, Any]] = field(default_factory=list)
 
 
 def sweep_suite(
@@ -49,6 +53,7 @@ def sweep_suite(
     split: Split = "test",
     budget: int = 16,
     depth: int = 2,
+    resume: bool = False,
     overwrite: bool = False,
     report: bool = True,
     progress: Progress = silent,
@@ -56,13 +61,14 @@ def sweep_suite(
 ) -> SweepResult:
     """Find where the estimators of a suite break down along each of its stresses, and write the tables and pictures.
 
-    Estimators see the first of the suite's conditions. The captures at a level are those that `run_suite` makes there.
+    Each of the suite's conditions is swept. The captures at a level are those that `run_suite` makes there.
 
     Main arguments:
         suite: name, path or plain data, with at least one stress. out: the folder.
     Other arguments:
         overrides: see `load_suite`. split: which seeds. budget: levels measured at most, per estimator and axis.
-        depth: how often a cell of a two-dimensional grid is halved. overwrite: replace an earlier run in `out`.
+        depth: how often a cell of a two-dimensional grid is halved.
+        resume: keep what an interrupted sweep measured. overwrite: replace an earlier run in `out`.
         report: write the page. progress, command: as for `run_suite`.
 
     Raises:
@@ -81,29 +87,28 @@ def sweep_suite(
                          allowed="budget 2 … 1000, depth 0 … 8")  # fmt: skip
     chosen = check_estimators(loaded.suite.estimators)
     folder = Path(out) if out is not None else default_folder(loaded.suite.suite)
-    prepare_folder(folder, loaded.hash, resume=False, overwrite=overwrite)
-    Journal(folder, loaded.hash)  # marks the folder as a run's
+    prepare_folder(folder, loaded.hash, resume=resume, overwrite=overwrite)
     spec = loaded.suite
-    with Bench(
-        chosen, spec.limits, suite=spec.suite, fidelity=spec.fidelity, rtol=spec.rtol, failure_at=spec.failure_at,
-        condition=spec.conditions[0], declare=_declare(loaded),
-    ) as bench:  # fmt: skip
-        sweep = _Sweep(loaded, chosen, bench, split, budget, depth, progress)
-        sweep.base()
-        for stress in spec.stresses:
-            sweep.along(stress)
+    sweep = _Sweep(loaded, chosen, Journal(folder, loaded.hash), split, budget, depth, progress)
+    captures = 0
+    for condition in spec.conditions:
+        with Bench(
+            chosen, spec.limits, suite=spec.suite, fidelity=spec.fidelity, rtol=spec.rtol, failure_at=spec.failure_at,
+            condition=condition, declare=_declare(loaded, condition),
+        ) as bench:  # fmt: skip
+            sweep.under(bench)
+        captures += bench.captures_made
     write_breakdown(folder, sweep.rows, sweep.maps)
     write_tables(folder, sweep.scores)
     record = {
         "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash, "split": split,
-        "seeds": list(getattr(spec.seeds, split)), "captures": bench.captures_made, "conditions": [bench.condition],
+        "seeds": list(getattr(spec.seeds, split)), "captures": captures, "conditions": list(spec.conditions),
         "estimators": list(spec.estimators), "overrides": dict(overrides or {}), "command": list(command),
         "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3), "machine": machine(),
-        "versions": versions(), "failures": sweep.failures, "budget": budget, "depth": depth,
+        "versions": versions(), "failures": sweep.failures, "skipped": skips_of(sweep.scores), "budget": budget,
+        "depth": depth,
     }  # fmt: skip
     write_json(folder / "run.json", record)
-    from .report_breakdown import save_maps
-
     pictures = save_maps(folder, sweep.maps, sweep.rows, sweep.cells)
     page = None
     if report:
@@ -111,12 +116,14 @@ def sweep_suite(
 
         page = write_report(folder)
     wall = time.perf_counter() - start
-    return SweepResult(folder, sweep.rows, sweep.maps, pictures, page, wall, sweep.failures)
+    return SweepResult(
+        folder, sweep.rows, sweep.maps, pictures, page, wall, sweep.failures, skips_of(sweep.scores)
+    )  # fmt: skip
 
 
-def _declare(loaded: Loaded) -> Any:
-    """What changes the declared rig under the condition that is swept."""
-    if loaded.suite.conditions[0] == "matched":
+def _declare(loaded: Loaded, condition: str) -> Any:
+    """What changes the declared rig under a condition."""
+    if condition == "matched":
         return None
     from .calibrate import calibrated_rig
 
@@ -137,10 +144,11 @@ class _Sweep:
     """The state of one sweep."""
 
     def __init__(
-        self, loaded: Loaded, chosen: list[Chosen], bench: Bench, split: Split, budget: int, depth: int,
+        self, loaded: Loaded, chosen: list[Chosen], journal: Journal, split: Split, budget: int, depth: int,
         progress: Progress,
     ) -> None:  # fmt: skip
-        self.loaded, self.chosen, self.bench, self.progress = loaded, chosen, bench, progress
+        self.loaded, self.all, self.journal, self.progress = loaded, chosen, journal, progress
+        self.chosen = chosen
         self.budget, self.depth = budget, depth
         self.seeds: tuple[int, ...] = getattr(loaded.suite.seeds, split)
         if not self.seeds:
@@ -161,13 +169,36 @@ class _Sweep:
         key = capture_key(scene_name, axis, level, axis2, level2)
         return [Cell(scene_name, changed, axis, level, axis2, level2, seed, key) for seed in self.seeds]
 
+    def under(self, bench: Bench) -> None:
+        """All stresses under the condition of a bench."""
+        self.bench, self.chosen = bench, self.all
+        self.base()
+        for stress in self.loaded.suite.stresses:
+            self.along(stress)
+
+    def _journal_key(self, label: str, *place: object) -> tuple[str, ...]:
+        return (self.bench.condition, json.dumps(self.seeds), label, *map(str, place))
+
     def base(self) -> None:
-        """The scenes as written, timed, so that the page tells speed and accuracy too."""
+        """The scenes as written, timed, so that the page tells speed and accuracy too. Estimators that do not apply to
+        any of them are left out of what follows."""
+        apply: set[str] = set()
         for number, (name, scene) in enumerate(self.loaded.scenes):
             self.progress("as written", number, len(self.loaded.scenes), name)
-            for answers in self.bench.answer(self._cells(name, scene, None, ()), timed=True):
-                for answer in answers.values():
-                    self.scores += answer.rows
+            rows: dict[str, list[dict[str, Any]]] = {}
+            for one in self.chosen:
+                if (kept := self.journal.done.get(self._journal_key(one.label, "as written", name))) is not None:
+                    rows[one.label] = kept
+            wanted = [one.label for one in self.chosen if one.label not in rows]
+            answers = self.bench.answer(self._cells(name, scene, None, ()), wanted, timed=True) if wanted else []
+            for label in wanted:
+                rows[label] = [row for found in answers for row in found[label].rows]
+                self.journal.add(self._journal_key(label, "as written", name), rows[label])
+            for one in self.chosen:
+                self.scores += rows[one.label]
+                if any(not not_applicable(row["status"]) for row in rows[one.label]):
+                    apply.add(one.label)
+        self.chosen = [one for one in self.chosen if one.label in apply]
         self.progress("as written", len(self.loaded.scenes), len(self.loaded.scenes), "")
 
     def along(self, stress: Stress) -> None:
@@ -193,16 +224,22 @@ class _Sweep:
                 found = refine_grid(
                     evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2
                 )
-                self.cells[one.label, stress.axis, stress.axis2] = found.cells
+                self.cells[curve_name(one.label, self.bench.condition), stress.axis, stress.axis2] = found.cells
             self.maps += map_rows(self._key(stress, one), found)
         self.progress(f"{stress.axis} edge", len(self.chosen), len(self.chosen), "")
 
     def _measure(
         self, store: dict[tuple[str, Point], list[Trial]], stress: Stress, point: Point, labels: Sequence[str]
     ) -> None:
+        keys = {label: self._journal_key(label, stress.axis, stress.axis2, point) for label in labels}
+        for label in labels:
+            if (label, point) not in store and (kept := self.journal.done.get(keys[label])) is not None:
+                store[label, point] = [Trial(**trial) for trial in self.journal.beside[keys[label]]["trials"]]
+                self.scores += kept
         wanted = [label for label in labels if (label, point) not in store]
         if not wanted:
             return
+        rows: dict[str, list[dict[str, Any]]] = {label: [] for label in wanted}
         for label in wanted:
             store[label, point] = []
         for name, scene in self.loaded.scenes:
@@ -211,26 +248,35 @@ class _Sweep:
                 mine = [found[label] for found in answers]
                 store[label, point] += trials_of(name, self.seeds, mine)
                 for answer in mine:
-                    self.scores += answer.rows
+                    rows[label] += answer.rows
                     if answer.status != "ok":
                         place = f"{name}, {stress.axis} = {point[0]:g}"
                         failure = {"estimator": label, "scene": place, "condition": self.bench.condition}
                         self.failures.append({**failure, "message": answer.status})
+        for label in wanted:
+            self.scores += rows[label]
+            self.journal.add(keys[label], rows[label], trials=[asdict(trial) for trial in store[label, point]])
 
     def _key(self, stress: Stress, one: Chosen) -> dict[str, str]:
         return {
             "modality": str(self.loaded.scenes[0][1].rig.kind), "suite": self.loaded.suite.suite,
             "estimator": one.label, "axis": stress.axis, "unit": axis_unit(stress.axis),
             "axis2": stress.axis2 or CELL_NONE, "unit2": axis_unit(stress.axis2) if stress.axis2 else "",
+            "condition": self.bench.condition,
         }  # fmt: skip
 
     def _row(self, stress: Stress, one: Chosen, found: EdgeMap) -> dict[str, Any]:
         single = gain = math.nan
         level = calm_level(stress.values, found)
-        if level is not None:
+        key = self._journal_key(one.label, stress.axis, "stability", level)
+        if key in self.journal.done:
+            beside = self.journal.beside[key]
+            single, gain = (math.nan if beside[name] is None else beside[name] for name in ("single", "gain"))
+        elif level is not None:
             name, scene = self.loaded.scenes[0]
             cell = self._cells(name, scene, stress, (level,))[0]
             outcomes, truth, bound = self.bench.variants(cell, one.label, VARIANTS)
             single = change_in_bounds(outcomes["float32"], outcomes["float64"], truth, bound)
             gain = change_in_bounds(outcomes["as-is"], outcomes["one-more"], truth, bound)
+            self.journal.add(key, [], **without_nan({"single": single, "gain": gain}))
         return breakdown_row(self._key(stress, one), stress.values, found, float32_vs_64=single, gain_1dn=gain)

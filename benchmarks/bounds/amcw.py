@@ -20,7 +20,7 @@ from ...optics.likelihood_model import NoiseModel
 from ...scenes.declare import group_index
 from ...scenes.scene import amcw_rig
 from ..score import Bound
-from .gated import true_scene
+from .instrument import true_scene
 from .waveform import profiled_sigma
 
 __all__ = ["amcw_bound"]

@@ -6,14 +6,19 @@ stacks,
     mmse² = E var(θ|y)                                       the least mean square error of any estimator, attained by
                                                              the posterior mean;
     tight² = ∫₀^W (h/2) [1 − E max_c ∫_{c−h/2}^{c+h/2} p(θ|y) dθ] dh,
+    m_ary² = ∫₀^W (h/2) V{ 1 − E ∫₀^h max_k p(φ+kh|y) dφ } dh,
 
-the Ziv-Zakai identity ε² = ∫ (h/2) P(abs(error) >= h/2) dh with the least possible probability for each h, in place of
-that of deciding between two delays only. So ziv_zakai <= tight <= mmse: the first costs a thousandth and is loose where
-many cells compete, the last two need draws. A maximum of the likelihood (or of the posterior) is not the best estimate
-below threshold: where nothing is seen it errs by W/√6, the posterior mean by W/√12.
+all three by the identity ε² = ∫ (h/2) P(abs(error) >= h/2) dh of Ziv and Zakai. `m_ary` puts for P the least error of
+deciding between all the delays φ + kh of the window at once; the prior falls into such sets, each delay in one of them,
+so that no 1/(M−1) is left of the bound of Bell et al. and M is as large as the window allows. `tight` puts the least P
+that any rule attains at that h. So ziv_zakai <= m_ary <= tight <= mmse (the first, of pairs, by the choice of h with
+M = 2 only where pairs decide), and `tight` is the limit of every bound of this family: where it stays below mmse, as it
+does in the threshold of wide windows by up to a third, no Ziv-Zakai bound meets what estimators do, since the best rule
+differs from h to h. A maximum of the likelihood is not the best estimate below threshold: where nothing is seen it errs
+by W/√6, the posterior mean by W/√12.
 
-Source: H. L. Van Trees, Detection, Estimation, and Modulation Theory I, 1968, sec. 2.4; K. L. Bell et al., IEEE Trans.
-Inf. Theory 43:624, 1997 (identity).
+Source: H. L. Van Trees, Detection, Estimation, and Modulation Theory I, 1968, sec. 2.4; K. L. Bell, Y. Steinberg,
+Y. Ephraim and H. L. Van Trees, IEEE Trans. Inf. Theory 43:624, 1997 (identity, M hypotheses, valley filling).
 """
 
 from __future__ import annotations
@@ -24,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["PosteriorBound", "posterior_bound"]
+__all__ = ["PosteriorBound", "posterior_bound", "posterior_variance"]
 
 Float = npt.NDArray[np.float64]
 
@@ -33,16 +38,19 @@ _BLOCK = 512
 
 @dataclass(frozen=True)
 class PosteriorBound:
-    """`mmse`, its standard error by simulation, and `tight`, in the unit of the grid's step; `maximum`: rms error of the
-    posterior's maximum on the same draws."""
+    """`mmse`, its standard error by simulation, `tight` and `m_ary`, in the unit of the grid's step; `maximum`: rms error
+    of the posterior's maximum on the same draws. `tight` and `m_ary` are NaN where they were not asked for."""
 
     mmse: float
     error: float
     tight: float
+    m_ary: float
     maximum: float
 
 
-def posterior_bound(mu: npt.ArrayLike, step: float, *, draws: int = 4000, seed: int = 1) -> PosteriorBound:
+def posterior_bound(
+    mu: npt.ArrayLike, step: float, *, draws: int = 4000, seed: int = 1, family: bool = True
+) -> PosteriorBound:
     """Simulate stacks and their posteriors.
 
     Main arguments:
@@ -50,7 +58,8 @@ def posterior_bound(mu: npt.ArrayLike, step: float, *, draws: int = 4000, seed: 
         the shifted Poisson: add σ² to every mean. step: of the grid; it must resolve the posterior (a third of the
         Cramér-Rao bound or finer).
     Other arguments:
-        draws: stacks; delays are spread evenly over the grid. seed: of the draws.
+        draws: stacks; delays are spread evenly over the grid. seed: of the draws. family: whether to compute `tight` and
+        `m_ary`, which cost more than `mmse`.
     Raises ValueError for means that are not positive.
     """
     mean = np.asarray(mu, np.float64)
@@ -63,7 +72,8 @@ def posterior_bound(mu: npt.ArrayLike, step: float, *, draws: int = 4000, seed: 
     log_mean, total = np.log(mean).T, mean.sum(axis=1)
     # Window widths h in grid steps: each to the largest, then sparser; all widths below 24 steps.
     widths = np.unique(np.concatenate([np.arange(1, min(25, n)), np.geomspace(1, n - 1, 40).astype(int)]))
-    variance, square, outside = np.empty(draws), np.empty(draws), np.zeros(widths.size)
+    variance, square = np.empty(draws), np.empty(draws)
+    outside, lattice = np.zeros(widths.size), np.zeros(widths.size)
     for first in range(0, draws, _BLOCK):
         at = truth[first : first + _BLOCK]
         y = rng.poisson(mean[at]).astype(np.float64)
@@ -74,13 +84,49 @@ def posterior_bound(mu: npt.ArrayLike, step: float, *, draws: int = 4000, seed: 
         centre = p @ theta
         variance[first : first + at.size] = np.maximum(p @ theta**2 - centre**2, 0.0)
         square[first : first + at.size] = (theta[logs.argmax(axis=1)] - theta[at]) ** 2
+        if not family:
+            continue
         mass = np.concatenate([np.zeros((at.size, 1)), np.cumsum(p, axis=1)], axis=1)
         for k, width in enumerate(widths):
             outside[k] += (1.0 - (mass[:, width:] - mass[:, :-width]).max(axis=1)).sum()
-    # A window of w grid points holds errors below w·step/2.
-    h = np.concatenate([[0.0], widths * step, [n * step]])
-    miss = np.concatenate([[1.0], outside / draws, [0.0]])
-    tight = math.sqrt(float(np.trapezoid(0.5 * h * miss, h)))
+            lattice[k] += _decided_wrong(p, int(width))
     mmse = math.sqrt(float(variance.mean()))
     spread = float(variance.std(ddof=1)) / math.sqrt(draws) / (2.0 * mmse) if mmse > 0 else 0.0
-    return PosteriorBound(mmse, spread, tight, math.sqrt(float(square.mean())))
+    maximum = math.sqrt(float(square.mean()))
+    if not family:
+        return PosteriorBound(mmse, spread, math.nan, math.nan, maximum)
+    # A window of w grid points holds errors below w·step/2; delays w points apart are told apart at h = w·step.
+    h = np.concatenate([[0.0], widths * step, [n * step]])
+    miss = np.concatenate([[1.0], outside / draws, [0.0]])
+    wrong = np.maximum.accumulate(np.concatenate([[1.0], lattice / draws, [0.0]])[::-1])[::-1]
+    tight, m_ary = (math.sqrt(float(np.trapezoid(0.5 * h * chance, h))) for chance in (miss, wrong))
+    return PosteriorBound(mmse, spread, tight, m_ary, maximum)
+
+
+def posterior_variance(mu: npt.ArrayLike, step: float, truth: npt.NDArray[np.intp], *, seed: int = 1) -> Float:
+    """var(θ|y) of one simulated stack per true index in `truth` (draw); other arguments as for `posterior_bound`.
+
+    Its mean over stacks of one true delay tells where in the window the least mean square error comes from: the mean of
+    that over delays is mmse².
+    """
+    mean = np.asarray(mu, np.float64)
+    rng = np.random.Generator(np.random.PCG64(seed))
+    theta = step * np.arange(mean.shape[0])
+    log_mean, total = np.log(mean).T, mean.sum(axis=1)
+    out = np.empty(truth.size)
+    for first in range(0, truth.size, _BLOCK):
+        logs = rng.poisson(mean[truth[first : first + _BLOCK]]) @ log_mean - total
+        p = np.exp(logs - logs.max(axis=1, keepdims=True))
+        p /= p.sum(axis=1, keepdims=True)
+        centre = p @ theta
+        out[first : first + _BLOCK] = np.maximum(p @ theta**2 - centre**2, 0.0)
+    return out
+
+
+def _decided_wrong(p: Float, width: int) -> float:
+    """Σ over draws of 1 − Σ_r max_k p(r + k·width | y): the residues r part the delays into sets, each decided at once.
+    Any window of `width` delays holds one of each set, so that this is at most what the best window misses."""
+    rows = -(-p.shape[1] // width)
+    padded = np.zeros((p.shape[0], rows * width))
+    padded[:, : p.shape[1]] = p
+    return float(p.shape[0] - padded.reshape(p.shape[0], rows, width).max(axis=1).sum())

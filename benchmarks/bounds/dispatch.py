@@ -7,13 +7,13 @@ import xarray as xr
 from ...scenes.errors import InputError
 from ..score import Bound
 
-__all__ = ["SCORED", "bound_of"]
+__all__ = ["SCORED", "bound_of", "cramer_rao_bound"]
 
 #: Modalities whose range estimates are scored.
 SCORED = ("gated", "waveform", "amcw")
 
 
-def bound_of(capture: xr.Dataset) -> Bound:
+def cramer_rao_bound(capture: xr.Dataset) -> Bound:
     """`gated_bound`, `waveform_bound` or `amcw_bound`. Raises InputError for another modality."""
     modality = capture.attrs.get("modality")
     if modality == "gated":
@@ -31,3 +31,11 @@ def bound_of(capture: xr.Dataset) -> Bound:
     raise InputError(
         "This version does not score such captures.", where="modality", value=modality, allowed=", ".join(SCORED)
     )
+
+
+def bound_of(capture: xr.Dataset) -> Bound:
+    """The Cramér-Rao bound, kind "exact" or "quasi", where all elements are regular; else with the Bayesian bound in
+    those that are not, kind "bayes". Decided from rig and truth, before anything is estimated."""
+    from .regular import threshold_bound
+
+    return threshold_bound(capture, cramer_rao_bound(capture))

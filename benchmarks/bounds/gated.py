@@ -12,7 +12,6 @@ of `optics.correlation` for the scene as it truly is, and α, b, r from the capt
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
@@ -20,58 +19,29 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ...optics import correlation, waveforms
+from ...optics import correlation
 from ...optics.constants import C_M_PER_S
 from ...optics.fisher_table import information_table
-from ...optics.likelihood_model import NoiseModel
-from ...scenes.declare import group_index, optics_gate, optics_pulse
-from ...scenes.errors import InputError
-from ...scenes.load import validate_spec
+from ...scenes.declare import group_index
 from ...scenes.rig import GatedRig
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.scene import gated_rig
 from ..score import Bound
+from .instrument import (
+    gate_offsets,
+    gated_responses,
+    noise_model,
+    path_delay,
+    response_std_s,
+    true_delay,
+    true_scene,
+)
 
-__all__ = ["gated_bound", "noise_model", "response_std_s", "true_scene"]
+__all__ = ["gated_bound"]
 
 Float = npt.NDArray[np.float64]
 
 #: Error of the tabulated R; that of the bound is some hundred times larger and below 1e-3.
 _RTOL = 3e-6
-
-
-def true_scene(capture: xr.Dataset) -> Scene:
-    """The scene that the capture was really generated from."""
-    text = capture.attrs.get("truth_scene")
-    if not isinstance(text, str):
-        raise InputError("The capture does not tell its true scene.", where="attribute truth_scene")
-    return validate_spec(Scene, json.loads(text), "truth_scene")
-
-
-def response_std_s(tables: list[correlation.Table]) -> float:
-    """σ_R: the largest standard deviation of R(u), as a density, over the gates."""
-    widths = []
-    for table in tables:
-        u = table.start_s + table.step_s * np.arange(table.value.size)
-        weight = table.value / table.value.sum()
-        mean = float((weight * u).sum())
-        widths.append(math.sqrt(float((weight * (u - mean) ** 2).sum())))
-    return max(widths)
-
-
-def noise_model(rig: GatedRig) -> NoiseModel:
-    """The likelihood of one sample. Dark electrons are part of the mean μ, unless a tube comes before them."""
-    detector, tube = rig.detector, rig.detector.intensifier
-    dark = detector.dark_current_e_per_s * detector.exposure_s
-    return NoiseModel(
-        read_noise_e=detector.read_noise_e,
-        gain_dn_per_e=detector.gain_dn_per_e,
-        offset_dn=detector.offset_dn,
-        adc_max_dn=2**detector.adc_bits - 1,
-        full_well_e=detector.full_well_e,
-        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
-        intensifier_gain=1.0 if tube is None else tube.gain,
-        dark_e=0.0 if tube is None else dark,
-    )
 
 
 def gated_bound(capture: xr.Dataset) -> Bound:
@@ -86,10 +56,7 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     """
     scene = true_scene(capture)
     rig = gated_rig(scene)
-    pulse = optics_pulse(rig.laser.pulse)
-    if rig.laser.jitter_shot_s > 0:
-        pulse = waveforms.broadened(pulse, rig.laser.jitter_shot_s)
-    tables = [correlation.tabulate(pulse, optics_gate(gate), _RTOL) for gate in rig.gates]
+    tables = gated_responses(rig, _RTOL)
     n_g = group_index(scene.medium, rig.laser.wavelength_m)
     half = C_M_PER_S / (2.0 * n_g)
     sigma_r = response_std_s(tables)
@@ -114,35 +81,6 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
     return "quasi" if any(outside) else "exact"
 
 
-def _path(truth: Float, rig: GatedRig) -> tuple[Float, Float]:
-    """Path there and back, m, and its derivative by the range, for every pixel (row, col)."""
-    position = np.asarray(rig.laser.position_m, np.float64)
-    if not position.any():
-        return 2.0 * truth, np.full(truth.shape, 2.0)
-    camera = rig.camera
-    x = (np.arange(camera.cols) - (camera.cols - 1) / 2) * camera.pixel_pitch_m / camera.focal_length_m
-    y = (np.arange(camera.rows) - (camera.rows - 1) / 2) * camera.pixel_pitch_m / camera.focal_length_m
-    norm = np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
-    ray = np.stack(np.broadcast_arrays(x[None, :] / norm, y[:, None] / norm, 1.0 / norm), axis=-1)
-    from_laser = truth[..., None] * ray - position
-    distance = np.sqrt((from_laser**2).sum(axis=-1))
-    return truth + distance, 1.0 + (ray * from_laser).sum(axis=-1) / distance
-
-
-def _true_delay(capture: xr.Dataset, rig: GatedRig) -> Float:
-    """`delay` holds the declared t0; the light knows the true one."""
-    declared = float(json.loads(capture.attrs["rig"])["t0_s"])
-    return np.asarray(capture["delay"].values, np.float64) - declared + rig.t0_s
-
-
-def _offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
-    if rig.gate_map is None:
-        return np.broadcast_to(np.float64(0.0), shape)
-    from ...optics.gate_maps import gate_offset_map
-
-    return np.asarray(gate_offset_map(*shape, rig.gate_map.iris_s, rig.gate_map.skew_s), np.float64)
-
-
 def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correlation.Table], n_g: float) -> Float:
     from .gated_kernel import range_sigma
 
@@ -155,7 +93,7 @@ def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correl
     background = np.broadcast_to(background, (slices, *shape))
     largest = float(background.max(initial=0.0))
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)
-    path, path_slope = _path(truth, rig)
+    time, time_slope = path_delay(truth, rig, n_g)
     peak = max(float(table.value.max()) for table in tables)
     information = _information(rig, background, float(np.nanmax(amplitude, initial=0.0)) * peak)
     width = max(table.value.size for table in tables)
@@ -165,9 +103,9 @@ def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correl
     usable = np.asarray(capture["valid"].values, bool)
     lit = np.asarray(capture["laser_on"].values, bool)
     result = range_sigma(
-        truth, np.ascontiguousarray(amplitude), background, largest, path * (n_g / C_M_PER_S),
-        path_slope * (n_g / C_M_PER_S), np.ascontiguousarray(_offsets(rig, shape)),
-        _true_delay(capture, rig), np.asarray(capture["gate"].values, np.int64), lit, usable,
+        truth, np.ascontiguousarray(amplitude), background, largest, time, time_slope,
+        np.ascontiguousarray(gate_offsets(rig, shape)), true_delay(capture, rig),
+        np.asarray(capture["gate"].values, np.int64), lit, usable,
         np.array([table.start_s for table in tables]), np.array([table.inv_step for table in tables]), value, slope,
         *information,
     )  # fmt: skip

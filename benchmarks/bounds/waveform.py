@@ -27,7 +27,7 @@ from ...scenes.declare_waveform import shown_pulse
 from ...scenes.rig_waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
 from ...scenes.scene import waveform_rig
 from ..score import Bound
-from .gated import response_std_s, true_scene
+from .instrument import response_std_s, true_scene
 
 __all__ = ["analog_noise", "profiled_sigma", "waveform_bound"]
 

@@ -93,8 +93,8 @@ REACHED = 1.02
 class LocalBound:
     """Per delay of a grid, in units of the delay: ε(θ), the Cramér-Rao bound, and what maximum likelihood adds to it.
 
-    far² = Σ over both sides ∫_{h > 2σ_R} h² P dh/σ_R: the union over cells of width σ_R outside the main lobe, which is
-    what an estimator that searches the whole window suffers. `curvature`: γ² of Efron, the relative excess of its
+    far² = Σ over both sides and cells of width σ_R beyond 2σ_R of max h² P: the union over cells outside the main lobe,
+    which is what an estimator that searches the whole window suffers. `curvature`: γ² of Efron, the relative excess of its
     variance within the main lobe (1/N for N photoelectrons of a Gaussian echo without background). `mean` is the bound
     itself: √ of the mean of ε², valleys filled.
     """
@@ -104,6 +104,7 @@ class LocalBound:
     far: Float
     curvature: Float
     mean: float
+    step: float
 
     @property
     def ratio(self) -> Float:
@@ -118,10 +119,19 @@ class LocalBound:
             return np.asarray(np.sqrt(1.0 + (self.far / self.crb) ** 2 + self.curvature))
 
     @property
+    def worst(self) -> Float:
+        """The largest abs(ln ε/CRB) within 3ε on either side: where R has corners the information jumps from delay to
+        delay, and ε crosses the Cramér-Rao bound without meeting it."""
+        with np.errstate(divide="ignore"):
+            off = np.abs(np.log(self.ratio))
+        off = np.where(np.isfinite(off), off, np.inf)
+        reach = np.where(np.isfinite(self.epsilon), 3.0 * self.epsilon / self.step, 0.0).astype(np.intp)
+        return np.array([off[max(i - r, 0) : i + r + 1].max() for i, r in enumerate(reach)])
+
+    @property
     def regular(self) -> npt.NDArray[np.bool_]:
-        """Delays with 1/1.05 <= ε/CRB <= 1.05 and excess <= 1.02."""
-        ratio = self.ratio
-        return np.asarray((ratio <= REGULAR) & (ratio >= 1.0 / REGULAR) & (self.excess <= REACHED))
+        """Delays with 1/1.05 <= ε/CRB <= 1.05, within 3ε of them too, and excess <= 1.02."""
+        return np.asarray((self.worst <= math.log(REGULAR)) & (self.excess <= REACHED))
 
 
 def curvature(mu: npt.ArrayLike, first: npt.ArrayLike, second: npt.ArrayLike, information: npt.ArrayLike) -> Float:
@@ -173,7 +183,7 @@ def local_bound(
     gain = float(np.trapezoid(h * (filled - error), dx=step)) / window
     mean = math.sqrt(float(np.trapezoid(epsilon2, dx=step)) / window + gain)
     bent = np.broadcast_to(np.asarray(bend, np.float64), crb.shape)
-    return LocalBound(np.sqrt(epsilon2), crb, np.sqrt(far2), bent, mean)
+    return LocalBound(np.sqrt(epsilon2), crb, np.sqrt(far2), bent, mean, step)
 
 
 def ziv_zakai(mu: npt.ArrayLike, slope: npt.ArrayLike, step: float, width: float, arc: Arc | None = None) -> float:

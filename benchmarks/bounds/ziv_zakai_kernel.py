@@ -49,16 +49,20 @@ def local_sums(distance: Any, slope: Any, step: float, width: float) -> Any:
                 x1 = 0.5 * h1 * (slope[i] + (chord - slope[i]) * h1 / step)
                 total += _piece(h0, h1, x0, x1)
                 h0, x0 = h1, x1
-            far = 0.0
+            far, cell, worst = 0.0, 0, 0.0
             for j in range(2, last + 1):
                 h1 = step * j
                 x1 = 0.5 * distance[i, i + side * j]
                 total += _piece(h0, h1, x0, x1)
                 if h0 >= 2.0 * width and x0 < 8.5:
-                    far += step * h0 * h0 * 0.5 * math.erfc(x0 / _ROOT2)
+                    # One wrong answer per cell of a width, at its likeliest: lobes are narrower than cells (phases).
+                    here = int((h0 - 2.0 * width) / width)
+                    if here != cell:
+                        far, cell, worst = far + worst, here, 0.0
+                    worst = max(worst, h0 * h0 * 0.5 * math.erfc(x0 / _ROOT2))
                 h0, x0 = h1, x1
             epsilon2[i] += 0.5 * total
-            far2[i] += far / width
+            far2[i] += far + worst
             if side > 0:
                 for j in range(last + 1):  # the pair of both ends alone spans no delays
                     if j == n - 1:

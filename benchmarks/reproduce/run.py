@@ -14,7 +14,7 @@ from typing import Any
 from ..files import write_atomic, write_json, write_text
 from .rows import COLUMNS, Row
 
-__all__ = ["ITEMS", "Reproduction", "all_rows", "reproduce", "to_csv"]
+__all__ = ["ITEMS", "OTHERS", "Reproduction", "all_rows", "reproduce", "to_csv"]
 
 #: Items of sections 2 to 5 with something to compute, in the document's order. Figures 1 and 5 are diagrams.
 ITEMS = (
@@ -22,6 +22,9 @@ ITEMS = (
     *(f"Eq. {n}" for n in range(7, 14)), "Figure 6", "Figure 7",
     *(f"Eq. {n}" for n in range(14, 26)), "Figure 8", "Figure 9", "Table 1",
 )  # fmt: skip
+
+#: Items of other documents, after it.
+OTHERS = ("Wang 2013",)
 
 Progress = Callable[[str], None]
 
@@ -37,7 +40,7 @@ class Reproduction:
 
 
 def all_rows(say: Progress | None = None) -> list[Row]:
-    """Every row, ordered by item as in the document. Deterministic: all seeds are fixed."""
+    """Every row, ordered by item as in the document, other documents' last. Deterministic: all seeds are fixed."""
     from .accuracy import accuracy_rows
     from .deviation import deviation_rows
     from .illumination import illumination_rows
@@ -47,6 +50,7 @@ def all_rows(say: Progress | None = None) -> list[Row]:
     from .reflection import reflection_rows
     from .surfaces import figure_2_rows
     from .table_1 import table_1_rows
+    from .triangular import triangular_rows
 
     parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("Eq. 1-6 and 18-22: received power", ladar_rows), ("Figure 2: reflection model", figure_2_rows),
@@ -56,13 +60,14 @@ def all_rows(say: Progress | None = None) -> list[Row]:
         ("Eq. 7-13, Figure 6: illumination", illumination_rows),
         ("Eq. 14-17, 25: accuracy", accuracy_rows), ("Table 1: two readings over plausible rigs", table_1_rows),
         ("Eq. 23-24, Figures 8 and 9: generated stacks", model_rows),
+        ("AO 52:7399: triangular against trapezoidal profiles", triangular_rows),
     )  # fmt: skip
     rows: list[Row] = []
     for name, make in parts:
         if say is not None:
             say(name)
         rows += make()
-    return sorted(rows, key=lambda row: ITEMS.index(row.item))
+    return sorted(rows, key=lambda row: (*ITEMS, *OTHERS).index(row.item))
 
 
 def _field(value: Any) -> str:
