@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from .verb_data import data_finalize, data_repair, data_status, data_verify
     from .verb_doctor import doctor
     from .verb_estimate import estimate
-    from .verb_estimators import estimators_check, estimators_list, estimators_new
+    from .verb_estimators import estimators_check, estimators_list, estimators_new, estimators_train
     from .verb_export import export
     from .verb_fidelity import fidelity
     from .verb_generate import generate
     from .verb_report import report
     from .verb_reproduce import reproduce
     from .verb_run import run
-    from .verb_scenes import scenes_list, scenes_show
+    from .verb_scenes import scenes_list, scenes_preview, scenes_show
     from .verb_score import score
     from .verb_sweep import sweep
 
@@ -46,6 +46,7 @@ __all__ = [
     "estimators_check",
     "estimators_list",
     "estimators_new",
+    "estimators_train",
     "export",
     "fidelity",
     "generate",
@@ -53,6 +54,7 @@ __all__ = [
     "reproduce",
     "run",
     "scenes_list",
+    "scenes_preview",
     "scenes_show",
     "score",
     "sweep",
@@ -71,6 +73,7 @@ _HOME = {
     "estimators_check": ".verb_estimators",
     "estimators_list": ".verb_estimators",
     "estimators_new": ".verb_estimators",
+    "estimators_train": ".verb_estimators",
     "export": ".verb_export",
     "fidelity": ".verb_fidelity",
     "generate": ".verb_generate",
@@ -78,6 +81,7 @@ _HOME = {
     "reproduce": ".verb_reproduce",
     "run": ".verb_run",
     "scenes_list": ".verb_scenes",
+    "scenes_preview": ".verb_scenes",
     "scenes_show": ".verb_scenes",
     "score": ".verb_score",
     "sweep": ".verb_sweep",

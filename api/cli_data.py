@@ -15,9 +15,10 @@ _Overwrite = Annotated[bool, Parameter(negative="", show_default=False, help="Re
 
 def register(app: App) -> None:
     """Add the commands to the command line."""
-    scenes = App(name="scenes", help="List the scenes of the library, or show one in full.", sort_key=2)
+    scenes = App(name="scenes", help="List the scenes of the library, show one in full, or draw it.", sort_key=2)
     scenes.command(scenes_list, name="list", help_epilogue="Example:\n  beambench scenes list")
     scenes.command(scenes_show, name="show", help_epilogue=_SHOW)
+    scenes.command(scenes_preview, name="preview", help_epilogue=_PREVIEW)
     app.command(scenes)
     app.command(generate, name="generate", sort_key=3, help_epilogue=_GENERATE)
     data = App(name="data", help="Look at stores of captures: what they hold, and whether they are sound.", sort_key=4)
@@ -70,6 +71,45 @@ def scenes_show(scene: str, /, *, set_: Overrides = None, common: Common | None 
     return 0
 
 
+_PREVIEW = """Examples:
+  beambench scenes preview object1 -o object1.png
+  beambench scenes preview my-scene.toml --size 1024"""
+
+
+def scenes_preview(
+    scene: str,
+    /,
+    *,
+    set_: Overrides = None,
+    size: int = 640,
+    out: Out = None,
+    overwrite: _Overwrite = False,
+    common: Common | None = None,
+) -> int:
+    """Draw a scene as a person beside the camera would see it: room light, and the laser in its colour.
+
+    Parameters
+    ----------
+    scene
+        A scene of the library, or a .toml or .json file.
+    size
+        Pixels of the picture's longer side.
+    """
+    from .scenes.overrides import parse_assignments
+    from .verb_scenes import scenes_preview as verb
+
+    told = verb(scene, overrides=parse_assignments(set_ or []), size=size, out=out, overwrite=overwrite)
+    if common and common.json:
+        print_json(told)
+        return 0
+    laser = "in its colour" if told["laser_visible"] else "in grey: the eye does not see it"
+    print_lines(
+        f"{told['file']}: {told['cols']} × {told['rows']} pixels",
+        f"The target fills {told['target_share']:.0%} of the view; the laser at {told['laser_nm']:g} nm is drawn {laser}.",
+    )
+    return 0
+
+
 _GENERATE = """Examples:
   beambench generate step --seeds 1 --seeds 2 -o step.zarr
   beambench generate my-scene.toml --set rig.delays.count=128 --plan
@@ -84,7 +124,7 @@ def generate(
     set_: Overrides = None,
     seeds: Annotated[list[int] | None, Parameter(negative="")] = None,
     fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
-    rtol: float | None = None,
+    rtol: float | Literal["noise"] | None = None,
     truth_electrons: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     like: str | None = None,
     plan: Annotated[bool, Parameter(negative="", show_default=False)] = False,
@@ -104,7 +144,8 @@ def generate(
     fidelity
         Rung of the forward model; "auto" takes the cheapest whose predicted error is below --rtol.
     rtol
-        Relative error of the expected stack aimed at; 1e-3, or what the suite says, if not given.
+        Relative error of the expected stack aimed at; 1e-3, or what the suite says, if not given. With --fidelity auto also
+        "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
     truth_electrons
         Keep the noise-free expectation of every sample too.
     like
@@ -157,7 +198,7 @@ def generate(
                     f"{p['slices']} × {p['rows']} × {p['cols']}",
                     size_text(p["bytes"]),
                     p["fidelity"],
-                    f"{p['rtol']:g}",
+                    p["rtol"] if p["rtol"] == "noise" else f"{p['rtol']:g}",
                 )
                 for p in made.plan
             ],

@@ -25,8 +25,13 @@ def register(app: App) -> None:
     group.command(
         estimators_new, name="new", help_epilogue="Example:\n  beambench estimators new my-median -o my-median"
     )
+    group.command(estimators_train, name="train", help_epilogue=_TRAIN)
     app.command(group)
 
+
+_TRAIN = """Example (repeats the weights that ship):
+  beambench generate learned-training -o training
+  beambench estimators train --data training --out weights.npz"""
 
 _ESTIMATE = """Examples:
   beambench estimate step.zarr -e poisson-ml -o estimates
@@ -214,4 +219,43 @@ def estimators_new(
         print_json({"out": str(folder)})
     else:
         print_lines(f"package  {folder}", f"next     pip install -e {folder} && beambench estimators check {name}")
+    return 0
+
+
+def estimators_train(
+    *,
+    data: Annotated[list[str], Parameter(negative="")],
+    out: Annotated[str, Parameter(name=["--out", "-o"], help="The weights, an .npz file.")],
+    units: int = 96,
+    ridge: float = 1e-5,
+    seed: int = 1,
+    overwrite: _Overwrite = False,
+    common: Common | None = None,
+) -> int:
+    """Train the learned estimator on captures on disk. Use the weights as 'learned[weights=FILE]'.
+
+    Parameters
+    ----------
+    data
+        A store of gated captures with truth, or a folder of stores; repeatable.
+    units
+        Units of its one layer.
+    ridge
+        Penalty of the linear solve.
+    seed
+        Names every random number.
+    """
+    from .verb_estimators import estimators_train as verb
+
+    found = verb(data, out=out, units=units, ridge=ridge, seed=seed, overwrite=overwrite)
+    if common and common.json:
+        print_json({"out": out, **found})
+    else:
+        print_lines(
+            f"weights   {out} ({found['bytes'] / 1e3:.0f} kB)",
+            f"trained   on {found['pixels']:.0f} pixels of {found['captures']:.0f} captures",
+            f"error     {found['rms_held_out']:.3g} of the response's width on pixels held out, "
+            f"first guess {found['rms_first_guess']:.3g}",
+            f"next      beambench estimate DATA -e 'learned[weights={out}]'",
+        )
     return 0

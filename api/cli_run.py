@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from .console import Common, Out, Overrides, print_json, print_lines, print_table
+from .console import (
+    Common,
+    Estimators,
+    Out,
+    Overrides,
+    Overwrite,
+    Report,
+    Resume,
+    Split,
+    print_json,
+    print_lines,
+    print_table,
+)  # fmt: skip
 
 __all__ = ["register"]
 
@@ -36,12 +48,12 @@ def run(
     /,
     *,
     set_: Overrides = None,
-    estimators: Annotated[list[str] | None, Parameter(name=["--estimators", "-e"], negative="")] = None,
-    split: Literal["dev", "test"] = "test",
+    estimators: Estimators = None,
+    split: Split = "test",
     out: Out = None,
-    resume: Annotated[bool, Parameter(negative="", show_default=False)] = False,
-    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
-    report: Annotated[bool, Parameter(show_default=False)] = True,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+    report: Report = True,
     cache: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     common: Common | None = None,
 ) -> int:
@@ -53,23 +65,14 @@ def run(
     ----------
     suite
         A suite that ships with Beambench, or a .toml or .json file.
-    estimators
-        Run this estimator instead of the suite's: name or name[key=value,...]; repeatable.
-    split
-        Which seeds to score on: tune on dev, publish test.
-    resume
-        Go on with an interrupted run in --out.
-    overwrite
-        Replace the run in --out.
-    report
-        Write the page report.html.
     cache
         Take answers that an earlier run measured on this machine (same capture, source, parameters), with their
-        times, and keep the new ones. Failures are never kept.
+        times, which are marked so, and keep the new ones. Failures are never kept. Without it all is measured.
     """
     from .benchmarks.progress import terminal_progress
     from .benchmarks.report_data import read_scores
     from .benchmarks.report_text import closing_lines
+    from .benchmarks.skips import skips_of
     from .scenes.overrides import parse_assignments
     from .verb_run import run as verb
 
@@ -97,6 +100,7 @@ def run(
                 "closing": closing,
                 "warnings": result.warnings,
                 "failures": result.failures,
+                "skipped": skips_of(result.rows),
                 "wall_s": result.wall_s,
             }
         )
@@ -142,7 +146,8 @@ _COMPARE = """Examples:
 def compare(a: str, b: str, /, *, common: Common | None = None) -> int:
     """Compare two score tables, paired by scene, seed and estimator: what changed from A to B.
 
-    Ratios are B/A, geometric means over seeds with a 95 % interval; below 1 is better.
+    Ratios are B/A with a 95 % interval; below 1 is better. First over the scenes as written, which is what holds for
+    other scenes of the kind, then cell by cell over seeds. Times of two kinds of machine are not compared.
 
     Parameters
     ----------
@@ -156,8 +161,25 @@ def compare(a: str, b: str, /, *, common: Common | None = None) -> int:
     table = verb(a, b)
     only_a, only_b = table.attrs["unpaired"]
     if common and common.json:
-        print_json({"rows": table.to_dict(orient="records"), "only_in_a": only_a, "only_in_b": only_b})
+        print_json(
+            {
+                "over_scenes": table.attrs["over_scenes"],
+                "rows": table.to_dict(orient="records"),
+                "only_in_a": only_a,
+                "only_in_b": only_b,
+                "machines_differ": table.attrs["machines_differ"],
+            }
+        )
         return 0
+    over = table.attrs["over_scenes"]
+    print_table(
+        ("estimator", "quantity", "condition", "scenes", "error B/A over scenes", "p (Holm)"),
+        [_over_scenes(row) for row in over],
+        right=("scenes", "error B/A over scenes", "p (Holm)"),
+    )
+    if any(row["scenes"] < 6 for row in over):
+        print_lines("with fewer than six scenes no interval over scenes is given")
+    print_lines("")
     columns = (
         "estimator",
         "scene",
@@ -175,17 +197,25 @@ def compare(a: str, b: str, /, *, common: Common | None = None) -> int:
         [_compared(row) for row in table.to_dict(orient="records")],
         right=("pairs", "error B/A", "cpu B/A", "coverage", "failed"),
     )
+    if table.attrs["machines_differ"]:
+        print_lines("times are not compared: " + "; ".join(table.attrs["machines_differ"]))
     if only_a or only_b:
         print_lines(f"without a partner: {only_a} rows of A, {only_b} rows of B")
     return 0
 
 
-def _compared(row: Any) -> list[str]:
-    def ratio(name: str) -> str:
-        value, low, high = (row[f"{name}_{part}"] for part in ("ratio", "lo", "hi"))
-        text = "–" if value != value else f"{value:.3f}"
-        return text if low != low else f"{text} [{low:.3f}, {high:.3f}]"
+def _ratio(row: Any, name: str) -> str:
+    value, low, high = (row[f"{name}_{part}"] for part in ("ratio", "lo", "hi"))
+    text = "–" if value != value else f"{value:.3f}"
+    return text if low != low else f"{text} [{low:.3f}, {high:.3f}]"
 
+
+def _over_scenes(row: Any) -> list[str]:
+    p = "–" if row["p_holm"] != row["p_holm"] else f"{row['p_holm']:.2g}"
+    return [row["estimator"], row["quantity"], row["condition"], str(row["scenes"]), _ratio(row, "error"), p]
+
+
+def _compared(row: Any) -> list[str]:
     def change(value: float) -> str:
         return "–" if value != value else f"{100 * value:+.1f} %"
 
@@ -196,8 +226,8 @@ def _compared(row: Any) -> list[str]:
         row["condition"],
         row["stress"] or "none",
         str(row["pairs"]),
-        ratio("error"),
-        ratio("cpu"),
+        _ratio(row, "error"),
+        _ratio(row, "cpu"),
         change(row["coverage_change"]),
         change(row["failure_change"]),
         row["status"],
@@ -212,7 +242,7 @@ _REPRODUCE = """Examples:
 def reproduce(
     *,
     out: Out = None,
-    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    overwrite: Overwrite = False,
     pictures: Annotated[bool, Parameter(show_default=False)] = True,
     common: Common | None = None,
 ) -> int:
@@ -220,8 +250,6 @@ def reproduce(
 
     Parameters
     ----------
-    overwrite
-        Replace an earlier output.
     pictures
         Draw charts, raw images and surfaces.
     """

@@ -7,7 +7,19 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from .console import Common, Out, Overrides, print_json, print_lines, print_table
+from .console import (
+    Common,
+    Estimators,
+    Out,
+    Overrides,
+    Overwrite,
+    Report,
+    Resume,
+    Split,
+    print_json,
+    print_lines,
+    print_table,
+)  # fmt: skip
 
 __all__ = ["register"]
 
@@ -19,11 +31,10 @@ def register(app: App) -> None:
     app.command(export, name="export", sort_key=9, help_epilogue=_EXPORT)
 
 
-Estimators = Annotated[list[str] | None, Parameter(name=["--estimators", "-e"], negative="")]
-
 _SWEEP = """Examples:
   beambench sweep stress-photons
   beambench sweep my-axis.toml -o results
+  beambench sweep my-axis.toml -o results --resume
 A suite of one's own takes five lines:
   suite = "my-axis"
   scenes = ["flat-wall"]
@@ -38,12 +49,13 @@ def sweep(
     *,
     set_: Overrides = None,
     estimators: Estimators = None,
-    split: Literal["dev", "test"] = "test",
+    split: Split = "test",
     budget: int = 16,
     depth: int = 2,
     out: Out = None,
-    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
-    report: Annotated[bool, Parameter(show_default=False)] = True,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+    report: Report = True,
     common: Common | None = None,
 ) -> int:
     """Find the level of each stress at which each estimator breaks down, with its interval and mode.
@@ -55,18 +67,10 @@ def sweep(
     ----------
     suite
         A suite that ships with Beambench, or a .toml or .json file; its stresses run from benign to breaking.
-    estimators
-        Sweep this estimator instead of the suite's; repeatable.
-    split
-        Which seeds to use.
     budget
         Levels at most, per estimator and axis.
     depth
         Halvings of the cells at the edge of a two-dimensional grid.
-    overwrite
-        Replace the run in --out.
-    report
-        Write the page report.html.
     """
     from .benchmarks.progress import terminal_progress
     from .benchmarks.report_breakdown import TABLE_HEAD, breakdown_table
@@ -82,6 +86,7 @@ def sweep(
             budget=budget,
             depth=depth,
             out=out,
+            resume=resume,
             overwrite=overwrite,
             report=report,
             progress=progress,
@@ -95,11 +100,14 @@ def sweep(
                 "pictures": [str(path) for path in result.pictures],
                 "report": str(result.report) if result.report else None,
                 "failures": result.failures,
+                "skipped": result.skipped,
                 "wall_s": result.wall_s,
             }
         )
         return 0
     print_table(TABLE_HEAD, breakdown_table(result.rows), right=("float32 / 64", "+1 DN"))
+    for note in result.skipped:
+        print_lines(f"skipped  {note['estimator']}: {note['reason']}")
     print_lines("", "levels with 95 % intervals; the last two columns are changes in units of the bound")
     print_lines(f"tables   {result.out / 'breakdown.csv'}, failure_map.csv")
     for path in result.pictures:
@@ -127,7 +135,7 @@ def break_(
     budget: int = 300,
     seed: int = 0,
     out: Out = None,
-    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    overwrite: Overwrite = False,
     common: Common | None = None,
 ) -> int:
     """Search for a scene in which an estimator fails and its neighbours do not; write it in ten lines or fewer.
@@ -150,8 +158,6 @@ def break_(
         Candidates to judge before shrinking.
     seed
         Of the search and of the captures.
-    overwrite
-        Replace the output in --out.
     """
     from .benchmarks.progress import terminal_progress
     from .scenes.overrides import parse_assignments
@@ -207,7 +213,7 @@ def export(
     *,
     to: Literal["hdf5"] = "hdf5",
     out: Out = None,
-    overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    overwrite: Overwrite = False,
     common: Common | None = None,
 ) -> int:
     """Write captures without their truth as one HDF5 file, for an estimator in any language.
@@ -218,8 +224,6 @@ def export(
         A store of captures.
     to
         The format.
-    overwrite
-        Replace the file in --out.
     """
     from .verb_export import export as verb
 

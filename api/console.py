@@ -7,12 +7,15 @@ import math
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 from cyclopts import Parameter
 from rich.console import Console
 
-__all__ = ["Common", "Out", "Overrides", "print_json", "print_lines", "print_table", "size_text", "terminal"]
+__all__ = [
+    "Common", "Estimators", "Out", "Overrides", "Overwrite", "Report", "Resume", "Split", "print_json", "print_lines",
+    "print_table", "size_text", "terminal",
+]  # fmt: skip
 
 
 @Parameter(name="*")
@@ -38,6 +41,23 @@ Overrides = Annotated[
 Out = Annotated[
     str | None, Parameter(name=["--out", "-o"], help="Where to write; ./beambench-runs/<name>-<time> if not given.")
 ]
+
+
+#: Options that several commands share: one name, one meaning, one line of help.
+Estimators = Annotated[
+    list[str] | None,
+    Parameter(
+        name=["--estimators", "-e"],
+        negative="",
+        help="Take this estimator instead of the suite's: name or name[key=value,...]; repeatable.",
+    ),
+]
+Split = Annotated[
+    Literal["dev", "test"], Parameter(help="Which of the suite's seeds to use: tune on dev, publish test.")
+]
+Resume = Annotated[bool, Parameter(negative="", show_default=False, help="Go on with what was interrupted in --out.")]
+Overwrite = Annotated[bool, Parameter(negative="", show_default=False, help="Replace what is in --out.")]
+Report = Annotated[bool, Parameter(show_default=False, help="Write the page report.html.")]
 
 
 class _Terminal(Console):

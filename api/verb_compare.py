@@ -35,7 +35,8 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
     of B/A (rmse_full, cpu_s); `_lo` and `_hi` the 95 % t interval over seeds, NaN with one. `coverage_change` and
     `failure_change` are mean differences B − A. The attribute `unpaired` counts the rows of A and of B without partner;
     `over_scenes` holds one record per estimator, quantity and condition: the same ratio over scenes as written, with a
-    studentised bootstrap interval (six scenes or more) and p, Holm-corrected for all its records.
+    studentised bootstrap interval (six scenes or more) and p, Holm-corrected for all its records; `machines_differ`
+    names what differs between the machines of two runs: then `cpu_ratio` is NaN, since it would tell of the machines.
 
     Main arguments:
         a, b: folders of runs, or their scores.csv or scores.parquet.
@@ -45,7 +46,7 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
     """
     import pandas as pd
 
-    from .benchmarks.report_data import label_of, read_scores
+    from .benchmarks.report_data import label_of, read_run, read_scores
     from .scenes.errors import InputError
 
     first, second = read_scores(a), read_scores(b)
@@ -60,11 +61,12 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
             where=f"{a}, {b}",
             allowed="tables of one suite: equal scenes, seeds, conditions and estimators",
         )
+    differ = _machines_differ(*(read_run(folder if folder.is_dir() else folder.parent) for folder in map(Path, (a, b))))
     rows = []
     for _, group in paired.groupby(_CELL, sort=False):
         first_row = group.iloc[0]
         error = _ratio(group["rmse_full_a"], group["rmse_full_b"])
-        cpu = _ratio(group["cpu_s_a"], group["cpu_s_b"])
+        cpu = (math.nan,) * 3 if differ else _ratio(group["cpu_s_a"], group["cpu_s_b"])
         changed = group[group["status_a"] != group["status_b"]]
         stress = " ".join(
             filter(None, (first_row[n] for n in ("stress", "level", "stress2", "level2") if first_row[n] != "none"))
@@ -90,8 +92,21 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
         )
     result = pd.DataFrame(rows)
     result.attrs["unpaired"] = (int((both["_merge"] == "left_only").sum()), int((both["_merge"] == "right_only").sum()))
+    result.attrs["machines_differ"] = differ
     result.attrs["over_scenes"] = _over_scenes(paired, label_of)
     return result
+
+
+def _machines_differ(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
+    """What differs between the machines that two runs name; nothing where one of them names none."""
+    first, second = a.get("machine"), b.get("machine")
+    if not isinstance(first, dict) or not isinstance(second, dict):
+        return []
+    return [
+        f"{name} {first[name]} and {second[name]}"
+        for name in ("device_class", "processor", "threads_per_estimator")
+        if name in first and name in second and first[name] != second[name]
+    ]
 
 
 def _over_scenes(paired: pd.DataFrame, label_of: Callable[[str, str], str]) -> list[dict[str, Any]]:

@@ -1,19 +1,20 @@
-"""`beambench estimators list|check|new`."""
+"""`beambench estimators list|check|new|train`."""
 
 from __future__ import annotations
 
 import keyword
 import re
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .output import claim
+from .output import check_free, claim
 
 if TYPE_CHECKING:
     from .estimator_laws import LawResult
 
-__all__ = ["estimators_check", "estimators_list", "estimators_new"]
+__all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train"]
 
 #: The laws behind the range-gated stack; other modalities have none yet to check a plug-in with.
 _CHECKED = "gated"
@@ -140,6 +141,37 @@ def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool 
             "The output cannot be written there.", where=str(folder), value=error.strerror or str(error)
         ) from error
     return folder
+
+
+def estimators_train(
+    data: str | Path | Sequence[str | Path],
+    *,
+    out: str | Path,
+    units: int = 96,
+    ridge: float = 1e-5,
+    seed: int = 1,
+    overwrite: bool = False,
+) -> dict[str, float]:
+    """Train `learned` on captures on disk and write its weights; use them as `learned[weights=FILE]`.
+
+    Main arguments:
+        data: stores of gated captures with truth, or folders that hold some.
+        out: the weights, an .npz file.
+    Other arguments:
+        units: of the one layer. ridge: penalty of the linear solve. seed: of the layer and of the shares of the data.
+        overwrite: replace what is there.
+
+    Returns the numbers of captures and pixels, the rms error on pixels held out and that of the first guess (both in units
+    of the response's standard deviation), and the size of the file.
+
+    Raises:
+        InputError: data that cannot be used, or an output that exists.
+    """
+    from .estimators.train import train
+
+    check_free(out, overwrite=overwrite)
+    paths = [data] if isinstance(data, str | Path) else list(data)
+    return train(paths, Path(out).expanduser(), units=units, ridge=ridge, seed=seed)
 
 
 _PYPROJECT = """[build-system]

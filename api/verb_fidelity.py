@@ -10,27 +10,31 @@ __all__ = ["fidelity"]
 
 def fidelity(
     *,
-    scenes: int = 20,
+    scenes: int = 60,
     seed: int = 1,
     out: str | Path | None = None,
     overwrite: bool = False,
+    resume: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Measure cost, error and task error of every rung on a seeded family of scenes; returns the folder that is written.
 
-    Media (air, clear, coastal, harbour water), shapes (flat, corner, bowl, relief, mesh), near and far in turn; albedo,
-    tilt, depth and beam are drawn. Errors are relative to full references at two independent seeds.
+    Media (air, faint, clear, coastal, harbour water), shapes (flat, corner, bowl, relief, mesh), near and far; albedo, water,
+    tilt, depth and beam are drawn so that the borders between rungs are met. Errors are relative to two independent
+    references: mitransient's and ours where mitransient's noise allows, else two of ours. Limits: 10, 3 and 1 % of
+    the stack, and the detector's noise.
 
     Main arguments:
-        scenes: how many; 40 hold every combination. seed: names the draws.
+        scenes: how many. seed: names the draws.
     Other arguments:
         out: folder; ./beambench-runs/fidelity-<time> by default. overwrite: replace the tables of an earlier measurement.
-        progress: told one line per scene.
+        resume: go on with one that was interrupted. progress: told one line per scene.
 
-    Writes fidelity.csv, fidelity.json (shares within rtol, costs of policies) and fidelity.svg (cost against error).
+    Writes fidelity.csv (a row for each scene, rung and limit), policies.csv (shares within the limit and cost of always-full,
+    always-cheapest and auto), fidelity.json (the rule, right rungs, references of every scene) and fidelity.svg.
 
     Raises:
-        InputError: no scene, a negative seed, or results that exist already.
+        InputError: no scene, a negative seed, results that exist already, or to resume a measurement of another seed.
     """
     from .benchmarks.fidelity import run_fidelity
     from .scenes.errors import InputError
@@ -39,8 +43,9 @@ def fidelity(
         raise InputError("At least one scene is needed.", where="scenes", value=scenes, allowed="1, 2, 3, …")
     if seed < 0:
         raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
-    if out is not None and not overwrite and (Path(out) / "fidelity.csv").exists():
+    if out is not None and not (overwrite or resume) and (Path(out) / "fidelity.csv").exists():
         raise InputError(
-            "This folder holds a measurement already.", where="--out", value=str(out), next_step="add --overwrite"
-        )
-    return run_fidelity(scenes, seed, out, progress)
+            "This folder holds a measurement already.", where="--out", value=str(out),
+            next_step="add --resume or --overwrite",
+        )  # fmt: skip
+    return run_fidelity(scenes, seed, out, progress, resume=resume)

@@ -51,7 +51,7 @@ class _Item:
     seed: int
     key: int | None
     fidelity: Literal["direct", "scatter", "full", "auto"]
-    rtol: float
+    rtol: float | Literal["noise"]
     truth_electrons: bool
 
 
@@ -61,7 +61,7 @@ def generate(
     overrides: Mapping[str, Any] | None = None,
     seeds: Sequence[int] = (0,),
     fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
-    rtol: float | None = None,
+    rtol: float | Literal["noise"] | None = None,
     truth_electrons: bool = False,
     like: str | Path | None = None,
     plan: bool = False,
@@ -79,7 +79,7 @@ def generate(
     Other arguments:
         seeds: for a scene.
         fidelity, rtol: rung of the forward model, and the relative error aimed at; by default the suite's, or "direct"
-            and 1e-3.
+            and 1e-3. rtol "noise", for fidelity "auto": below one standard deviation of the detector's noise.
         truth_electrons: keep the noise-free expectation of each sample as well.
         like: a store to repeat from its own records; the new captures are compared with it value by value, and written
             only if `out` is given.
@@ -120,7 +120,7 @@ def _items(
     overrides: dict[str, Any],
     seeds: Sequence[int],
     fidelity: Literal["direct", "scatter", "full", "auto"] | None,
-    rtol: float | None,
+    rtol: float | Literal["noise"] | None,
     electrons: bool,
 ) -> dict[str, list[_Item]]:
     """Captures to make by store; the one store of a scene has the name ""."""
@@ -237,7 +237,7 @@ def _recorded(attrs: Mapping[str, Any], where: str) -> _Item:
             int(arguments["seed"]),
             int(arguments["capture_key"]),
             arguments["fidelity"],
-            float(arguments["rtol"]),
+            "noise" if arguments["rtol"] == "noise" else float(arguments["rtol"]),
             bool(arguments["truth_electrons"]),
         )
     except (KeyError, TypeError, json.JSONDecodeError) as error:

@@ -1,4 +1,4 @@
-"""`beambench scenes list` and `beambench scenes show`."""
+"""`beambench scenes list`, `beambench scenes show` and `beambench scenes preview`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .scenes.scene import Scene
 
-__all__ = ["scenes_list", "scenes_show"]
+__all__ = ["scenes_list", "scenes_preview", "scenes_show"]
 
 
 def scenes_list() -> list[dict[str, Any]]:
@@ -49,3 +49,70 @@ def scenes_show(scene: str | Path | Mapping[str, Any] | Scene, *, overrides: Map
     from .scenes.load import load_scene
 
     return load_scene(scene, overrides)
+
+
+def scenes_preview(
+    scene: str | Path | Mapping[str, Any] | Scene,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    size: int = 640,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+) -> dict[str, Any]:
+    """Draw a scene into a PNG file in sRGB: room light, and the laser in the colour of its wavelength.
+
+    Main arguments:
+        scene: as for `scenes_show`.
+        out: the file, which must end in .png; by default a fresh folder under ./beambench-runs holds it.
+    Other arguments:
+        size: pixels of the picture's longer side, 16 … 8192.
+        overwrite: replace the file.
+
+    Returns `file`, `rows`, `cols`, `target_share` of the view, `laser_nm`, `laser_visible` and `laser_rgb` (linear sRGB).
+
+    Raises:
+        InputError: pyrender (extra `preview`) or EGL is missing, a bad size or file name, or as `scenes_show`.
+    """
+    from .output import claim, slug
+    from .scenes.errors import InputError
+
+    if not 16 <= size <= 8192:
+        raise InputError("A picture has no such size.", where="size", value=size, allowed="16 … 8192")
+    if out is not None and Path(out).suffix.lower() != ".png":
+        raise InputError("A preview is a PNG file.", where="out", value=str(out), allowed="a name that ends in .png")
+    loaded = scenes_show(scene, overrides=overrides)
+    from .generator.preview import preview
+
+    drawn = preview(loaded, size)
+    name = slug(loaded.name)
+    path = claim(out, name, overwrite=overwrite)
+    if out is None:
+        path.mkdir()
+        path = path / f"{name}.png"
+    _write_png(path, drawn.picture)
+    return {
+        "file": str(path),
+        "rows": drawn.picture.shape[0],
+        "cols": drawn.picture.shape[1],
+        "target_share": drawn.seen,
+        "laser_nm": round(loaded.rig.laser.wavelength_m * 1e9, 3),
+        "laser_visible": drawn.visible,
+        "laser_rgb": list(drawn.laser_rgb),
+    }
+
+
+def _write_png(path: Path, picture: Any) -> None:
+    import OpenImageIO as oiio
+
+    from .scenes.errors import InputError
+
+    rows, cols, channels = picture.shape
+    spec = oiio.ImageSpec(cols, rows, channels, "uint8")
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    file = oiio.ImageOutput.create(str(path))
+    if file is None or not file.open(str(path), spec):
+        raise InputError("The picture cannot be written.", where=str(path), value=oiio.geterror())
+    written = file.write_image(picture)
+    file.close()
+    if not written:
+        raise InputError("The picture cannot be written.", where=str(path), value=file.geterror())

@@ -22,6 +22,7 @@ def sweep(
     budget: int = 16,
     depth: int = 2,
     out: str | Path | None = None,
+    resume: bool = False,
     overwrite: bool = False,
     report: bool = True,
     progress: Progress | None = None,
@@ -39,7 +40,8 @@ def sweep(
     Other arguments:
         estimators: labels to sweep instead of the suite's. split: which seeds.
         budget: levels at most, per estimator and axis. depth: halvings of the cells of a grid.
-        out: folder; ./beambench-runs/<suite>-<time> by default. overwrite: replace an earlier run there.
+        out: folder; ./beambench-runs/<suite>-<time> by default. resume: keep what an interrupted sweep measured
+            there. overwrite: replace it.
         report: write report.html. progress: told of every step. command: what was typed, for run.json.
 
     Raises:
@@ -58,6 +60,7 @@ def sweep(
         split=split,
         budget=budget,
         depth=depth,
+        resume=resume,
         overwrite=overwrite,
         report=report,
         progress=progress or silent,

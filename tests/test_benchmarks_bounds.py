@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from beambench.benchmarks.bounds.gated import gated_bound, noise_model, true_scene
-from beambench.captures.build import make_capture
+from beambench.benchmarks.bounds.gated import gated_bound
+from beambench.benchmarks.bounds.instrument import light_path, noise_model, true_scene
+from beambench.benchmarks.bounds.written import written_capture
 from beambench.optics import correlation, fisher, waveforms
 from beambench.optics.constants import C_M_PER_S, FWHM_PER_SIGMA
-from beambench.scenes.declare import declared_rig, group_index, optics_gate, optics_pulse
+from beambench.scenes.declare import group_index, optics_gate, optics_pulse
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene
@@ -25,32 +25,6 @@ QUIET = {
     "rig.detector.dark_current_e_per_s": 0.0, "rig.detector.gain_dn_per_e": 50.0, "rig.detector.full_well_e": 1e6,
     "medium.index": {"kind": "explicit", "phase": 1.0, "group": 1.0},
 }  # fmt: skip
-
-
-def capture(scene: Scene, amplitude: Any, background: float, range_m: Any = 5.0, **attrs: Any) -> xr.Dataset:
-    """A capture whose counts are all zero: the bound reads truth and coordinates alone."""
-    rig = scene.rig
-    count = rig.delays.count * len(rig.gates)
-    delay = np.tile(rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count), len(rig.gates))
-    declared = declared_rig(scene)
-    plane = np.broadcast_to(np.asarray(range_m, np.float64), (ROWS, COLS)).copy()
-    return make_capture(
-        "gated",
-        data={"counts": np.zeros((count, ROWS, COLS), np.uint16)},
-        coords={
-            "delay": delay + declared["t0_s"], "gate": np.repeat(np.arange(len(rig.gates)), rig.delays.count),
-            "pulses": np.full(count, rig.pulses_per_slice), "laser_on": np.ones(count, bool),
-            "time": np.arange(count, dtype=float), "valid": np.ones(count, bool),
-        },
-        truth={
-            "truth_range": plane, "truth_depth": plane, "truth_incidence": plane * 0, "truth_albedo": plane * 0 + 0.5,
-            "truth_normal": np.zeros((ROWS, COLS, 3)), "truth_material": np.zeros((ROWS, COLS), int),
-            "truth_mixed": np.zeros((ROWS, COLS), bool), "truth_first": plane, "truth_last": plane,
-            "truth_amplitude": np.broadcast_to(np.asarray(amplitude, np.float64), (ROWS, COLS)).copy(),
-            "truth_background": np.full(count, background),
-        },
-        attrs={"rig": declared, "truth_scene": scene.model_dump(mode="json"), "truth_kind": "rendered", **attrs},
-    )  # fmt: skip
 
 
 def scene(**changes: Any) -> Scene:
@@ -74,7 +48,7 @@ def test_dense_gaussian_stack_meets_its_closed_form() -> None:
     )
     amplitude = 10_027 / (area / step)
     # A background of 1e-6 electrons keeps 1/μ finite far away and carries no weight. ADC: 1/12 DN² at 50 DN/e, 3e-5 e².
-    bound = gated_bound(capture(made, amplitude, 1e-6))
+    bound = gated_bound(written_capture(made, amplitude, 1e-6))
     expected = C_M_PER_S * sigma / (2 * math.sqrt(10_027))
     assert expected == pytest.approx(0.6357e-3, rel=1e-3)
     np.testing.assert_allclose(bound.sigma, expected, rtol=2e-3)
@@ -89,7 +63,7 @@ def test_dense_gaussian_stack_meets_its_closed_form() -> None:
 def test_the_bound_agrees_with_the_general_one_of_optics(amplitude: float, background: float, read: float) -> None:
     made = scene(rig__detector__read_noise_e=read, rig__detector__gain_dn_per_e=1.0)
     ranges = 4.9 + 0.01 * np.arange(ROWS * COLS).reshape(ROWS, COLS)
-    data = capture(made, amplitude, background, ranges)
+    data = written_capture(made, amplitude, background, ranges)
     got = gated_bound(data).sigma
     pulse, gate = optics_pulse(made.rig.laser.pulse), optics_gate(made.rig.gates[0])
     u = 2 * ranges.ravel() / C_M_PER_S - data["delay"].values[:, None]
@@ -103,7 +77,7 @@ def test_the_bound_agrees_with_the_general_one_of_optics(amplitude: float, backg
 
 def test_profiling_costs_what_the_full_matrix_says() -> None:
     made = scene(rig__detector__read_noise_e=3.0)
-    data = capture(made, 40.0, 5.0)
+    data = written_capture(made, 40.0, 5.0)
     table = fisher.information_table(noise_model(made.rig))
     pulse, gate = optics_pulse(made.rig.laser.pulse), optics_gate(made.rig.gates[0])
     u = 2 * 5.0 / C_M_PER_S - data["delay"].values
@@ -119,7 +93,7 @@ def test_no_information_is_infinite_and_no_truth_is_nan() -> None:
     ranges[0, 0], ranges[0, 1] = np.nan, 500.0
     amplitude = np.full((ROWS, COLS), 100.0)
     amplitude[0, 2] = 0.0
-    sigma = gated_bound(capture(scene(), amplitude, 1.0, ranges)).sigma
+    sigma = gated_bound(written_capture(scene(), amplitude, 1.0, ranges)).sigma
     assert math.isnan(sigma[0, 0])
     assert math.isinf(sigma[0, 1])
     assert math.isinf(sigma[0, 2])
@@ -127,7 +101,7 @@ def test_no_information_is_infinite_and_no_truth_is_nan() -> None:
 
 
 def test_slices_that_are_dark_or_invalid_tell_nothing_of_range() -> None:
-    data = capture(scene(), 100.0, 1.0)
+    data = written_capture(scene(), 100.0, 1.0)
     whole = gated_bound(data).sigma[0, 0]
     lit = data["laser_on"].values.copy()
     lit[::2] = False
@@ -141,18 +115,18 @@ def test_slices_that_are_dark_or_invalid_tell_nothing_of_range() -> None:
 def test_a_declared_error_moves_what_estimators_are_told_not_the_bound() -> None:
     staged = scene().model_copy(update={"declared": {"t0_s": 3e-10, "medium.index.group": 1.1}})
     np.testing.assert_allclose(
-        gated_bound(capture(staged, 100.0, 1.0)).sigma, gated_bound(capture(scene(), 100.0, 1.0)).sigma, rtol=1e-12
+        gated_bound(written_capture(staged, 100.0, 1.0)).sigma,
+        gated_bound(written_capture(scene(), 100.0, 1.0)).sigma,
+        rtol=1e-12,
     )
 
 
 def test_the_bistatic_path_and_its_derivative() -> None:
-    from beambench.benchmarks.bounds.gated import _path
-
     made = scene(rig__laser__position_m=[0.4, -0.2, 0.1])
     ranges = np.full((ROWS, COLS), 2.0)
     step = 1e-6
-    path, slope = _path(ranges, made.rig)
-    numeric = (_path(ranges + step, made.rig)[0] - _path(ranges - step, made.rig)[0]) / (2 * step)
+    path, slope = light_path(ranges, made.rig)
+    numeric = (light_path(ranges + step, made.rig)[0] - light_path(ranges - step, made.rig)[0]) / (2 * step)
     np.testing.assert_allclose(slope, numeric, rtol=1e-8)
     assert path.shape == (ROWS, COLS)
     # Central ray by hand would be (0, 0, 1); the nearest pixels are half a pitch from it on both sides.
@@ -160,20 +134,22 @@ def test_the_bistatic_path_and_its_derivative() -> None:
 
 
 def test_index_jitter_and_intensifier_act_as_they_must() -> None:
-    base = gated_bound(capture(scene(), 100.0, 1.0)).sigma[0, 0]
+    base = gated_bound(written_capture(scene(), 100.0, 1.0)).sigma[0, 0]
     water = scene(medium__index={"kind": "explicit", "phase": 1.33, "group": 1.36})
-    in_water = gated_bound(capture(water, 100.0, 1.0, 5.0 / 1.36)).sigma[0, 0]
+    in_water = gated_bound(written_capture(water, 100.0, 1.0, 5.0 / 1.36)).sigma[0, 0]
     assert group_index(water.medium, 532e-9) == 1.36
     assert in_water == pytest.approx(base / 1.36, rel=1e-4)
-    jitter = gated_bound(capture(scene(rig__laser__jitter_shot_s=5e-10), 100.0, 1.0))
+    jitter = gated_bound(written_capture(scene(rig__laser__jitter_shot_s=5e-10), 100.0, 1.0))
     assert jitter.sigma[0, 0] > 1.1 * base
     assert jitter.kind == "exact"
     broad = waveforms.broadened(optics_pulse(scene().rig.laser.pulse), 5e-10)
     assert waveforms.pulse_variance(broad) > waveforms.pulse_variance(optics_pulse(scene().rig.laser.pulse))
     tube = {"gain": 20.0, "excess_noise_factor": 2.0, "phosphor_sigma_px": 0.0}
     coarse: dict[str, Any] = {"rig__detector__gain_dn_per_e": 0.3, "rig__detector__full_well_e": 1e6}
-    intensified = gated_bound(capture(scene(rig__detector__intensifier=tube, **coarse), 1000.0, 1.0)).sigma[0, 0]
-    bare = gated_bound(capture(scene(), 1000.0, 1.0)).sigma[0, 0]
+    intensified = gated_bound(written_capture(scene(rig__detector__intensifier=tube, **coarse), 1000.0, 1.0)).sigma[
+        0, 0
+    ]
+    bare = gated_bound(written_capture(scene(), 1000.0, 1.0)).sigma[0, 0]
     # Between no excess noise and the moment form's √F², which exact information undercuts.
     assert 1.1 * bare < intensified < math.sqrt(2.0) * bare
 
@@ -187,11 +163,11 @@ def test_index_jitter_and_intensifier_act_as_they_must() -> None:
     ],
 )
 def test_what_the_likelihood_does_not_hold_makes_the_bound_quasi(changes: dict[str, Any]) -> None:
-    assert gated_bound(capture(scene(**changes), 100.0, 1.0)).kind == "quasi"
+    assert gated_bound(written_capture(scene(**changes), 100.0, 1.0)).kind == "quasi"
 
 
 def test_captures_that_do_not_tell_enough() -> None:
-    data = capture(scene(), 100.0, 1.0)
+    data = written_capture(scene(), 100.0, 1.0)
     bound = gated_bound(data.drop_vars("truth_amplitude"))
     assert bound.kind == "none"
     assert np.isnan(bound.sigma).all()
@@ -201,3 +177,13 @@ def test_captures_that_do_not_tell_enough() -> None:
     data.attrs["truth_scene"] = json.dumps({"name": "x"})
     with pytest.raises(InputError):
         gated_bound(data)
+
+
+def test_a_window_of_thousands_of_widths_is_searched_in_part() -> None:
+    from beambench.benchmarks.bounds.scan import scan_of
+
+    made = scene(rig__delays={"start_s": 20e-9, "step_s": 0.4e-9, "count": 1500, "repeats": 1, "laser_off": 0})
+    scan = scan_of(written_capture(made, 300.0, 1.0))
+    low, high = scan.searched_s
+    assert high - low == pytest.approx(600.0 * scan.width_s)
+    assert scan.window_s[0] <= low < 2 * 5.0 / C_M_PER_S < high <= scan.window_s[1]

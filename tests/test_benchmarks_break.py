@@ -4,83 +4,57 @@ from __future__ import annotations
 
 import math
 import tomllib
-import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from beambench.benchmarks.break_check import PlantedJudge, check_search, holds, planted_regions
+from beambench.benchmarks.break_run import break_estimator
 from beambench.benchmarks.break_shrink import minimal_axes, shrink
 from beambench.benchmarks.break_space import SPACE, Candidate, dimensions_of, draw, ends, mutate
 from beambench.benchmarks.breaker import search_and_shrink, suite_text
+from beambench.benchmarks.planted import DIMENSIONS, region_text, registered
+from beambench.benchmarks.run import run_suite
 from beambench.benchmarks.stress import AXES, stressed
 from beambench.benchmarks.suite import load_suite
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
-DIMENSIONS = {dimension.axis: dimension for dimension in SPACE}
 SCENES = ("flat-wall", "tilted-wall")
-
-
-class Planted:
-    """An estimator that is thirty times worse than its neighbours in one region of the space: `low` … `high` of the
-    span of each of some axes, all at once. Elsewhere it differs from them by noise, as estimators do."""
-
-    def __init__(self, region: dict[str, tuple[float, float]]) -> None:
-        self.region, self.calls = region, 0
-
-    def holds(self, candidate: Candidate) -> bool:
-        levels = dict(candidate.levels)
-        return all(
-            axis in levels and low - 1e-9 <= DIMENSIONS[axis].position(levels[axis]) <= high + 1e-9
-            for axis, (low, high) in self.region.items()
-        )
-
-    def __call__(self, candidate: Candidate, seed: int) -> float:
-        self.calls += 1
-        rng = np.random.default_rng([zlib.crc32(repr(candidate).encode()), seed])
-        return float(rng.normal(0.1, 0.1)) + (math.log10(30.0) if self.holds(candidate) else 0.0)
-
-
-def _bugs() -> list[Planted]:
-    """Twenty: an end or a window of one axis (a twelfth of its span), of two (a third), of three (half)."""
-    rng = np.random.default_rng(20260101)
-    bugs = []
-    for number in range(20):
-        axes = 1 + number % 3
-        width = {1: 1 / 12, 2: 1 / 3, 3: 1 / 2}[axes]
-        fine = [dimension.axis for dimension in SPACE if not (dimension.coarse and axes == 1)]
-        region = {}
-        for axis in rng.choice(fine, size=axes, replace=False):
-            low = float(rng.choice([0.0, 1.0 - width])) if number % 2 else float(rng.uniform(0.0, 1.0 - width))
-            region[str(axis)] = (low, low + width)
-        bugs.append(Planted(region))
-    return bugs
 
 
 def test_planted_bugs_are_found_and_shrunk() -> None:
     """At least 19 of 20; each find names the axes of its bug and no other, and takes at most ten lines."""
-    found = 0
-    for number, bug in enumerate(_bugs()):
-        search = search_and_shrink(bug, SCENES, SPACE, seed=number)
-        assert bug.calls == search.judged < 450
-        if search.find is None:
-            continue
-        found += 1
-        small = search.find.candidate
-        assert set(small.axes) == set(bug.region) and bug.holds(small) and small.scene == SCENES[0]
-        assert len(small.levels) <= len(search.find.first.levels)
-        overrides = stressed(load_scene(small.scene), small.levels)[1]
-        text = suite_text("break-it", "a note", small.scene, overrides, ["peak", "poisson-ml"], number, "break-it.toml")
-        assert len(text.splitlines()) <= 10
-        loaded = load_suite(tomllib.loads(text))
-        assert loaded.scenes[0][1] == stressed(load_scene(small.scene), small.levels)[0]
-    assert found >= 19
+    results = list(check_search(planted_regions(20)))
+    assert all(one.judged < 450 for one in results)
+    assert all(one.good for one in results if one.found)
+    assert sum(one.good for one in results) >= 19
+
+
+def test_an_estimator_with_a_planted_bug_is_found_on_captures(tmp_path: Path) -> None:
+    """A bug at the bright end, in an estimator that runs on generated captures: found, small, and the suite repeats it."""
+    region = {"photons": (11 / 12, 1.0)}
+    label = f"planted[region={region_text(region)}]"
+    with registered():
+        result = break_estimator(label, tmp_path, neighbours=["poisson-ml"], scenes=["flat-wall"], side=4, budget=2)
+        assert result.found and result.spec is not None and set(result.levels) == {"photons"}
+        assert holds(region, Candidate(result.scene, tuple(result.levels.items())))
+        assert len(result.spec.read_text(encoding="utf-8").splitlines()) <= 10
+        again = {row["estimator"]: row for row in run_suite(result.spec, tmp_path / "again", report=False).rows}
+    assert again["planted"]["rmse_full"] == result.rows[0]["rmse_full"] > 5 * again["poisson-ml"]["rmse_full"]
+
+
+def test_a_found_suite_is_the_scene_of_its_candidate() -> None:
+    candidate = Candidate("flat-wall", (("background", 1e6), ("photons", 0.02)))
+    overrides = stressed(load_scene("flat-wall"), candidate.levels)[1]
+    text = suite_text("break-it", "a note", "flat-wall", overrides, ["peak", "poisson-ml"], 3, "break-it.toml")
+    assert load_suite(tomllib.loads(text)).scenes[0][1] == stressed(load_scene("flat-wall"), candidate.levels)[0]
 
 
 def test_nothing_is_found_in_a_sound_estimator() -> None:
     for seed in range(10):
-        search = search_and_shrink(Planted({"photons": (2.0, 3.0)}), SCENES, SPACE, seed=seed)
+        search = search_and_shrink(PlantedJudge({"photons": (2.0, 3.0)}), SCENES, SPACE, seed=seed)
         assert search.find is None and math.isfinite(search.worst[1])
 
 
@@ -95,7 +69,7 @@ def test_a_failure_of_one_seed_is_no_find() -> None:
 
 def test_equal_seeds_search_equally() -> None:
     bug = {"photons": (0.0, 0.3), "background": (0.7, 1.0)}
-    first, second = (search_and_shrink(Planted(bug), SCENES, SPACE, seed=5) for _ in range(2))
+    first, second = (search_and_shrink(PlantedJudge(bug), SCENES, SPACE, seed=5) for _ in range(2))
     assert first.seen == second.seen and first.find == second.find
 
 
@@ -163,7 +137,8 @@ def test_a_real_find_replays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "told"),
-    [({"neighbours": ["peak"]}, "against others"), ({"budget": 0}, "cannot be made"), ({"scenes": ["nowhere"]}, "no such"),
+    [({"neighbours": ["peak"]}, "against others"), ({"scenes": ["amcw"], "neighbours": ["amcw-phase"]}, "cannot be judged"),
+     ({"budget": 0}, "cannot be made"), ({"scenes": ["nowhere"]}, "no such"),
      ({"scenes": ["flat-wall", "amcw"]}, "one kind")],
 )  # fmt: skip
 def test_bad_searches_are_told(tmp_path: Path, change: dict[str, object], told: str) -> None:

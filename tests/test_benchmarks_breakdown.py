@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 
 from beambench.benchmarks.bench import Answer, trials_of
 from beambench.benchmarks.breakdown import BREAKDOWN_COLUMNS, breakdown_row, change_in_bounds, map_rows
+from beambench.benchmarks.breakdown_check import KINDS, Kind, check_captures, check_maps, trials_at
 from beambench.benchmarks.failure_map import EdgeMap, Point, is_log, isotonic, refine_axis, refine_grid
 from beambench.benchmarks.failure_rate import Dispersion, Trial, dispersion, failure_rate, mode_of, rate_bounds
 from beambench.benchmarks.report_breakdown import breakdown_table, page_section, read_breakdown
@@ -23,72 +24,39 @@ from beambench.scenes.errors import InputError
 N = 576
 
 
-def _planted(
-    rate: Callable[[float], float], rng: np.random.Generator, *, seeds: int = 4, spread: float = math.inf
-) -> Callable[[Sequence[Point]], dict[Point, list[Trial]]]:
-    """An estimator whose elements fail at a known rate of the level; `spread`: of a beta distribution over captures."""
-
-    def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
-        found: dict[Point, list[Trial]] = {}
-        for point in points:
-            p = rate(point[0])
-            trials = []
-            for seed in range(seeds):
-                mine = float(rng.beta(p * spread, (1 - p) * spread)) if math.isfinite(spread) and 0 < p < 1 else p
-                trials.append(Trial("wall", seed, N, outlier=int(rng.binomial(N, mine))))
-            found[point] = trials
-        return found
-
-    return evaluate
-
-
-@pytest.mark.parametrize("kind", ["step", "logistic", "uneven"])
-def test_planted_breakdown_points_are_recovered(kind: str) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_planted_breakdown_points_are_recovered(kind: Kind) -> None:
     """≥ 95 % of 200, for a rate that jumps, one that rises, and one whose captures differ more than binomially.
 
     The intervals are Bonferroni's, so they hold more often than 95 %; 200 draws of an event of probability .95 are 190
     or more with probability .58 only, which is why the method must be on the safe side.
     """
-    rng = np.random.default_rng(20260101)
-    held = {0.1: 0, 0.5: 0}
-    widths = []
-    for number in range(200):
-        rising = number % 2 == 0
-        levels = [1.0, 5.6, 31.6, 178.0, 1000.0] if rising else [1.0, 0.178, 0.0316, 0.0056, 0.001]
-        sign = 1 if rising else -1
-        level50 = 10 ** (sign * rng.uniform(0.7, 2.4))
-        level10 = level50 if kind == "step" else level50 / 10 ** (sign * rng.uniform(0.05, 0.4))
-
-        def rate(level: float, a: float = level10, b: float = level50, sign: int = sign) -> float:
-            if kind == "step":
-                return float(sign * (math.log(level) - math.log(a)) >= 0)
-            slope = math.log(9) / (math.log(b) - math.log(a))
-            return 1 / (1 + math.exp(-slope * (math.log(level) - math.log(b))))
-
-        found = refine_axis(_planted(rate, rng, spread=60.0 if kind == "uneven" else math.inf), levels)
-        assert len(found.trials) <= found.budget
-        for edge, truth in zip(found.edges, (level10, level50), strict=True):
-            low, high = min(edge.interval), max(edge.interval)
-            held[edge.target] += low <= truth <= high
-            assert low <= edge.level <= high
-            widths.append(math.log10(high / low))
-    assert min(held.values()) >= 190, held
+    held = check_maps(kind)
+    assert min(held.level10, held.level50) >= 190, held
+    assert held.within == 2 * held.total
     # Of three decades: the interval is about a hundredth where nothing is random, a tenth where captures differ.
-    assert np.median(widths) < {"step": 0.04, "logistic": 0.12, "uneven": 0.3}[kind]
+    assert held.width < {"step": 0.04, "logistic": 0.12, "uneven": 0.3}[kind]
+
+
+def test_planted_estimators_are_recovered_on_captures() -> None:
+    """Two estimators that lose elements at a known rate, swept as a user sweeps: all four levels lie in their intervals,
+    each of which holds in 95 % or more."""
+    held = check_captures(2, side=6)
+    assert (held.total, held.level10, held.level50, held.within) == (2, 2, 2, 4)
 
 
 def test_an_axis_that_never_breaks_or_always_does() -> None:
     rng = np.random.default_rng(1)
-    never = refine_axis(_planted(lambda level: 0.001, rng), [1.0, 10.0, 100.0])
+    never = refine_axis(trials_at(lambda level: 0.001, rng), [1.0, 10.0, 100.0])
     assert math.isnan(never.edges[0].level) and never.edges[0].start == 100.0 and math.isnan(never.edges[0].end)
-    always = refine_axis(_planted(lambda level: 0.9, rng), [1.0, 10.0, 100.0])
+    always = refine_axis(trials_at(lambda level: 0.9, rng), [1.0, 10.0, 100.0])
     assert math.isnan(always.edges[0].level) and math.isnan(always.edges[0].start) and always.edges[0].end == 1.0
 
 
 def test_the_first_edge_counts_where_failure_comes_and_goes() -> None:
     """Beyond a dip of the rate lies no second chance: nothing is averaged over the edge."""
     rng = np.random.default_rng(2)
-    found = refine_axis(_planted(lambda x: 0.9 if 2.0 < x < 4.0 else 0.0, rng), [0.0, 1.0, 3.0, 5.0, 6.0])
+    found = refine_axis(trials_at(lambda x: 0.9 if 2.0 < x < 4.0 else 0.0, rng), [0.0, 1.0, 3.0, 5.0, 6.0])
     for edge in found.edges:
         assert edge.start <= 2.0 <= edge.end and edge.end - edge.start < 0.1
 
@@ -192,13 +160,20 @@ def test_a_refusing_estimator_has_mode_refusal() -> None:
 
     levels = [1.0, 0.1, 0.01]
     found = refine_axis(evaluate, levels)
-    key = {"modality": "gated", "suite": "s", "estimator": "shy", "axis": "photons", "unit": "1"}
+    key = {
+        "modality": "gated",
+        "suite": "s",
+        "estimator": "shy",
+        "axis": "photons",
+        "unit": "1",
+        "condition": "matched",
+    }
     row = breakdown_row(key, levels, found, float32_vs_64=0.0, gain_1dn=math.nan)
     assert tuple(row) == BREAKDOWN_COLUMNS and row["mode"] == "refusal"
     # The level itself is the last good one: 200 elements in two seeds are certain on either side of it.
     assert row["lo"] < 0.1 <= row["hi"] and row["lo50"] < 0.1 <= row["hi50"]
     assert row["hi"] / row["lo"] < 1.1
-    assert breakdown_table([row])[0][5:] == ["refusal", "0", "–"]
+    assert breakdown_table([row])[0][6:] == ["refusal", "0", "–"]
     grid = map_rows({**key, "axis2": "none", "unit2": ""}, found)
     assert sum(r["refusal"] for r in grid) == 200 * sum(r["level"] < 0.1 for r in grid)
 
@@ -207,11 +182,11 @@ def test_an_unbroken_estimator_has_mode_none() -> None:
     found = EdgeMap({(x,): [Trial("a", 1, 1000)] for x in (1.0, 10.0)})
     done = refine_axis(lambda points: {p: found.trials[p] for p in points}, [1.0, 10.0])
     row = breakdown_row(
-        {"modality": "gated", "suite": "s", "estimator": "e", "axis": "a", "unit": "1"}, [1.0, 10.0], done,
+        {"modality": "gated", "suite": "s", "estimator": "e", "axis": "a", "unit": "1", "condition": "matched"}, [1.0, 10.0], done,
         float32_vs_64=0.0, gain_1dn=0.0,
     )  # fmt: skip
     assert row["mode"] == "none" and row["lo"] == 10.0 and math.isnan(row["level10"])
-    assert breakdown_table([row])[0][3] == "over 10"
+    assert breakdown_table([row])[0][4] == "over 10"
 
 
 def test_change_is_in_units_of_the_bound() -> None:
@@ -264,7 +239,46 @@ def test_a_sweep_end_to_end(tmp_path: Path) -> None:
     assert json.loads((result.out / "run.json").read_text())["suite"] == "mine"
     page = (result.out / "report.html").read_text(encoding="utf-8")
     assert 'id="breakdown"' in page and page_section(result.out) is not None
+    assert {row["condition"] for row in [*rows, *grid]} == {"matched"}
     with pytest.raises(InputError, match="not empty"):
         sweep(suite, out=tmp_path / "out")
     with pytest.raises(InputError, match="no stress"):
         sweep({**suite, "stresses": []}, out=tmp_path / "other")
+
+
+def test_a_broken_sweep_is_resumed_and_each_condition_is_swept(tmp_path: Path) -> None:
+    """Half of the journal is enough: what it holds is not measured again, and the tables are the same bytes."""
+    from beambench import sweep
+    from beambench.benchmarks.bench import Bench
+
+    small = {"scene": "flat-wall", "overrides": {"rig.camera.rows": 8, "rig.camera.cols": 8}}
+    suite = {
+        "suite": "mine",
+        "scenes": [small],
+        "estimators": ["peak", "waveform-ml"],
+        "stresses": [{"axis": "photons", "values": [1.0, 0.1, 0.01]}],
+        "seeds": {"test": [1, 2]},
+        "conditions": ["matched", "calibrated"],
+        "calibration": {"pulse_photoelectrons": 1e5, "gate_photoelectrons": 1e3},
+    }
+    first = sweep(suite, out=tmp_path / "out", budget=5, report=False)
+    assert [(row["estimator"], row["condition"]) for row in first.rows] == [("peak", "matched"), ("peak", "calibrated")]
+    assert [(note["estimator"], note["reason"]) for note in first.skipped] == [
+        ("waveform-ml", "reads waveform captures, not gated")
+    ]
+    names = ("breakdown.csv", "failure_map.csv", "accuracy.csv", "maps/photons.svg")
+    before = {name: (first.out / name).read_bytes() for name in names}
+    assert before["breakdown.csv"].splitlines()[0].endswith(b",gain_1dn,condition")
+    journal = first.out / "journal.jsonl"
+    lines = journal.read_text().splitlines()
+    journal.write_text("\n".join(lines[: len(lines) // 2]) + '\n{"key": ["torn"')
+    asked = []
+    with pytest.MonkeyPatch.context() as patch:
+        generate = Bench._generate
+        patch.setattr(Bench, "_generate", lambda self, cell: asked.append(cell) or generate(self, cell))  # type: ignore[func-returns-value]
+        again = sweep(suite, out=tmp_path / "out", budget=5, report=False, resume=True)
+    made = json.loads((first.out / "run.json").read_text())["captures"]
+    assert {name: (again.out / name).read_bytes() for name in names} == before
+    assert 0 < len(asked) == made < 20
+    with pytest.raises(InputError, match="another suite"):
+        sweep({**suite, "version": 2}, out=tmp_path / "out", resume=True)

@@ -244,8 +244,11 @@ def test_tables_of_a_run_hold_ranks_pairs_and_profiles() -> None:
     assert inference_tables(stressed)["ranking.csv"][1] == []
 
 
-def test_two_tables_are_compared_over_scenes(tmp_path: Path) -> None:
+def test_two_tables_are_compared_over_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import json
+
     import beambench
+    from beambench import cli
 
     rows = [row for row in _table(0.2) if row["estimator"] in ("honest", "refuses-hard")]
     rng = np.random.default_rng(1)
@@ -267,3 +270,15 @@ def test_two_tables_are_compared_over_scenes(tmp_path: Path) -> None:
     assert honest["error_lo"] < 1.3 < honest["error_hi"]
     assert honest["p_holm"] < 0.01
     assert other["error_lo"] < 1.0 < other["error_hi"]
+    assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
+    shown = capsys.readouterr().out
+    assert "error B/A over scenes" in shown and f"{honest['error_ratio']:.3f} [{honest['error_lo']:.3f}" in shown
+    assert "times are not compared" not in shown
+    # Times of two kinds of machine would tell of the machines: they are left out, and that is said.
+    for name, device in (("a", "cpu"), ("b", "cuda")):
+        record = {"machine": {"device_class": device, "processor": "same", "threads_per_estimator": 1}}
+        (tmp_path / name / "run.json").write_text(json.dumps(record))
+    table = beambench.compare(tmp_path / "a", tmp_path / "b" / "scores.csv")
+    assert table["cpu_ratio"].isna().all() and table.attrs["machines_differ"] == ["device_class cpu and cuda"]
+    assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
+    assert "times are not compared: device_class cpu and cuda" in capsys.readouterr().out

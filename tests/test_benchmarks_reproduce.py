@@ -23,10 +23,11 @@ from beambench.benchmarks.reproduce import (
     reflection,
     stacks,
     table_1,
+    triangular,
 )
 from beambench.benchmarks.reproduce.ladar import ladar_rows
 from beambench.benchmarks.reproduce.rows import COLUMNS, VERDICTS, Row, judge_band, judge_exact, judge_trend
-from beambench.benchmarks.reproduce.run import ITEMS, all_rows, to_csv
+from beambench.benchmarks.reproduce.run import ITEMS, OTHERS, all_rows, to_csv
 from beambench.benchmarks.reproduce.surfaces import figure_2_rows, peak_angle
 from beambench.optics.brdf_albedo import hemispherical_albedo
 from beambench.optics.brdf_chua import chua, chua_printed
@@ -246,6 +247,25 @@ def test_figures_3_4_and_7_show_their_trends() -> None:
     assert exponent.verdict == "predicted" and exponent.reproduced == pytest.approx(-1.0, abs=0.02)
 
 
+# --- Wang et al. 2013 -----------------------------------------------------------------------------------------------
+
+
+def test_triangular_against_trapezoidal_profiles() -> None:
+    # The formula at its two ends, and the fluctuation that gives the published 2.5 in between.
+    assert triangular.precision_ratio(1e3, 0.0) == pytest.approx(np.sqrt(5.0))
+    assert triangular.precision_ratio(1e3, 1e3) == pytest.approx(np.sqrt(10.0), rel=1e-3)
+    needed = triangular.fluctuation_for(2.5, 1e3)
+    assert triangular.precision_ratio(1e3, needed) == pytest.approx(2.5)
+    assert 2 * needed**2 * 1e3 == pytest.approx(5 / 3)
+    for ratio in (2.2, 3.2):
+        with pytest.raises(ValueError, match="between"):
+            triangular.fluctuation_for(ratio, 1e3)
+    # The estimator follows it: 9,600 pairs each, the ratio of two rms errors has a standard error of 1 %; 4 of them.
+    for fluctuation in (0.0, 0.03):
+        law = triangular.precision_ratio(3000.0, fluctuation, 0.1, 0.9)
+        assert triangular.measured_ratio(fluctuation) == pytest.approx(law, rel=0.04)
+
+
 # --- the whole ----------------------------------------------------------------------------------------------------
 
 
@@ -260,7 +280,7 @@ def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> N
     wanted = [f"Eq. {n}" for n in range(1, 26)] + [f"Figure {n}" for n in range(1, 10)] + ["Table 1"]
     wanted = [item for item in wanted if covered[item] != "nothing-to-compute"]
     assert sorted(wanted) == sorted(ITEMS)
-    by_item: dict[str, set[str]] = {item: set() for item in ITEMS}
+    by_item: dict[str, set[str]] = {item: set() for item in (*ITEMS, *OTHERS)}
     for r in done.rows:
         by_item[r.item].add(r.verdict)
     assert all(by_item.values())
@@ -269,7 +289,7 @@ def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> N
         if covered[item] in VERDICTS:
             assert covered[item] in by_item[item], item
     assert len({(r.item, r.quantity) for r in done.rows}) == len(done.rows)
-    order = [ITEMS.index(r.item) for r in done.rows]
+    order = [(*ITEMS, *OTHERS).index(r.item) for r in done.rows]
     assert order == sorted(order)
 
 
@@ -277,13 +297,15 @@ def test_the_files(done: Any) -> None:
     table = pd.read_csv(done.out / "reproduction.csv", dtype={"document": str})
     assert tuple(table.columns) == COLUMNS
     assert set(table["verdict"]) == set(VERDICTS)
-    assert (table["document"] == "000").all() and table["reproduced"].notna().all()
+    own = table["item"].isin(ITEMS)
+    assert (table["document"][own] == "000").all() and (table["document"][~own] == triangular.DOCUMENT_WANG).all()
+    assert table["reproduced"].notna().all()
     assert (table.loc[table["verdict"] == "predicted", ["published", "tolerance"]].notna()).all(axis=None)
     parquet = pd.read_parquet(done.out / "reproduction.parquet")
     assert list(parquet.columns) == list(COLUMNS) and len(parquet) == len(table)
     np.testing.assert_allclose(parquet["reproduced"], table["reproduced"], rtol=1e-5)
     page = done.page.read_text(encoding="utf-8")
-    assert page.count("<section") == len(ITEMS) and "http://" not in page and "https://" not in page
+    assert page.count("<section") == len(ITEMS) + len(OTHERS) and "http://" not in page and "https://" not in page
     assert page.count("<img") == len(list((done.out / "pictures").glob("*.png"))) == 6 + 2 * 5
     for picture in (done.out / "pictures").glob("*.png"):
         assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and picture.stat().st_size > 1000

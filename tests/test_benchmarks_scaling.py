@@ -52,6 +52,29 @@ def test_a_constant_cost_shows_as_a_knee_and_widens_the_interval() -> None:
     assert straight.spread == pytest.approx(0.005, abs=0.006)
 
 
+def test_a_cost_that_grows_faster_than_a_line_is_told() -> None:
+    """a + b·n at a third of constant cost: the line holds; with a square in it, the excess is certain."""
+    sizes = [16, 32, 64, 128, 256]
+
+    def timed(square: float, rng: np.random.Generator) -> list[Cost]:
+        return [
+            Cost("x", "slices", n, k, "cpu", (4e-3 + 1e-4 * n + square * n * n) * math.exp(0.02 * rng.normal()), 1.0, 1.0, "ok")
+            for n in sizes
+            for k in range(5)
+        ]  # fmt: skip
+
+    rng = np.random.default_rng(9)
+    hits = 0
+    for _ in range(200):
+        fit = fit_exponent(timed(0.0, rng))
+        hits += fit.excess_low <= 1.0 <= fit.excess_high
+    # 95 % of 200: standard error 1.5 %, three of them.
+    assert hits / 200 > 0.95 - 0.046
+    bent = fit_exponent(timed(1e-6, rng))
+    assert bent.excess_low > 1.0
+    assert math.isnan(fit_exponent(timed(0.0, rng)[::5]).excess_low)
+
+
 def test_device_classes_and_estimators_are_never_mixed() -> None:
     rng = np.random.default_rng(3)
     costs = planted(1.0, [8, 16, 32], 2, 0.01, rng)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.score import COLUMNS, KEY, TIMES, Bound, Truth, errors_of, score_rows
+from beambench.benchmarks.score import COLUMNS, KEY, TIMES, Bound, Truth, errors_of, failure_limit, score_rows
 from beambench.benchmarks.statistics import block_bootstrap_ratio, block_ids
 from beambench.benchmarks.summary import summarise, wilson_interval
 from beambench.benchmarks.tables import read_rows, sort_rows, to_csv, write_tables
@@ -48,7 +48,7 @@ def test_columns_are_those_of_the_contract_in_order() -> None:
 
 
 def test_by_hand() -> None:
-    # Errors 1, -1, 3, 20 (m) and one refusal; bound .5 everywhere; prior window 12/√12; X = ½·10.
+    # Errors 1, -1, 3, 20 (m) and one refusal; bound .5 everywhere; prior window 12/√12; X = ½·10, limit of failure 5.
     error = np.array([[1.0, -1.0, 3.0, 20.0, 0.0]])
     valid = np.array([[True, True, True, True, False]])
     bound = Bound(np.full((1, 5), 0.5), "exact", 10.0, 12.0)
@@ -250,3 +250,91 @@ def test_summary_pools_squares_and_has_intervals() -> None:
     assert pooled["rmse_full_lo"] <= pooled["rmse_full"] <= pooled["rmse_full_hi"]
     assert pooled["failure_rate_lo"] == 0
     assert 0 < pooled["failure_rate_hi"] < 0.01
+
+
+def test_the_limit_of_failure_follows_the_bound_within_the_echo_only() -> None:
+    # σ_R as range is 1 m: X = .5 m, and nothing beyond 1 m is an answer about this echo.
+    bound = Bound(np.array([0.01, 0.1, 0.15, 0.2, 3.0, np.inf, np.nan]), "bayes", 1.0, 20.0)
+    np.testing.assert_allclose(failure_limit(bound.sigma, bound), [0.5, 0.5, 0.75, 1.0, 1.0, 1.0, 0.5])
+    # A suite that asks for more accuracy than the bound allows still gets five bounds.
+    np.testing.assert_allclose(failure_limit(bound.sigma, bound, 0.02)[:3], [0.05, 0.5, 0.75])
+    np.testing.assert_allclose(failure_limit(bound.sigma, bound, 2.0), [2.0, 2.0, 2.0, 2.0, 4.0, 4.0, 2.0])
+
+
+@pytest.mark.parametrize("window", [6.0, 20.0])
+@pytest.mark.parametrize("kind", ["exact", "bayes"])
+def test_an_estimator_that_guesses_fails_at_half_of_all_elements_or_more(window: float, kind: str) -> None:
+    # Whatever a bound says in the dark: as large as the window, or held at the prior's error.
+    shape = (64, 64)
+    rng = np.random.default_rng(3)
+    sigma = np.full(shape, 50.0 if kind == "exact" else window / math.sqrt(12.0))
+    error = rng.uniform(-window / 2, window / 2, shape)  # truth in the middle, where a guess does best
+    bound = Bound(sigma, kind, 1.0, window)
+    (row,) = score_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
+    # 1 − 2/W within 4 standard errors of 4096 trials.
+    assert row["failure_rate"] == pytest.approx(1.0 - 2.0 / window, abs=0.03)
+    assert row["failure_rate"] > 0.5
+
+
+def test_peak_and_parabola_break_down_in_the_dark() -> None:
+    from beambench.benchmarks.bounds.dispatch import bound_of
+    from beambench.benchmarks.bounds.written import written_capture
+    from beambench.benchmarks.score import truth_of
+    from beambench.captures.hide import hide_truth
+    from beambench.estimators import run_estimator
+    from beambench.scenes.load import load_scene
+
+    scene = load_scene("flat-wall", {"rig.camera.rows": 24, "rig.camera.cols": 24})
+    failed: dict[str, list[float]] = {}
+    kinds = []
+    for amplitude in (160.0, 16.0, 1.6, 0.16):
+        data = written_capture(scene, amplitude, 0.1, seed=5)
+        bound, truth, hidden = bound_of(data), truth_of(data), hide_truth(data)
+        kinds.append(bound.kind)
+        for name in ("peak", "parabola", "poisson-ml"):
+            found = run_estimator(name, hidden)
+            answer = {part: found[part].values for part in ("range", "sigma", "valid")}
+            (row,) = score_rows(key(estimator=name), truth, bound, answer, status="ok")
+            failed.setdefault(name, []).append(row["failure_rate"])
+    assert kinds == ["exact", "exact", "bayes", "bayes"]
+    for name in ("peak", "parabola"):
+        assert failed[name][0] < 0.1
+        assert failed[name][-1] > 0.5
+    assert failed["poisson-ml"][0] == 0.0 and failed["poisson-ml"][-1] > 0.5
+
+
+@pytest.mark.parametrize("photons", [1.0, 0.5, 0.25])
+def test_refusing_pays_in_no_ranking_even_through_the_threshold(photons: float) -> None:
+    # A share of answers is wrong by anything (the threshold), the rest is good: as long as answering tells more than the
+    # prior, refusing what is hard costs rmse_full and failures.
+    shape = (64, 64)
+    rng = np.random.default_rng(4)
+    hard = rng.random(shape) < 0.5
+    wild = hard & (rng.random(shape) < 0.5 * (1.0 - photons))
+    error = np.where(wild, rng.uniform(-6.0, 6.0, shape), rng.normal(0, 0.1, shape))
+    bound = Bound(np.where(hard, 1.0, 0.1), "bayes", 1.0, 12.0)
+    everywhere = np.ones(shape, bool)
+    (honest,) = score_rows(key(), flat_truth(shape), bound, estimate(error, everywhere), status="ok")
+    (refuser,) = score_rows(key(), flat_truth(shape), bound, estimate(error, ~hard), status="ok")
+    assert honest["rmse_full"] < refuser["rmse_full"]
+    assert honest["failure_rate"] < refuser["failure_rate"]
+
+
+def test_kinds_of_bounds_are_kept_and_pooled_by_the_weakest() -> None:
+    rows = []
+    for seed, kind in ((1, "exact"), (2, "bayes"), (3, "exact")):
+        bound = Bound(np.full((16, 16), 0.1), kind, 1.0, 10.0)
+        est = estimate(np.random.default_rng(seed).normal(0, 0.1, (16, 16)), np.ones((16, 16), bool), 0.1)
+        rows += score_rows(key(seed=seed), flat_truth((16, 16)), bound, est, status="ok")
+    assert [row["bound_kind"] for row in rows] == ["exact", "bayes", "exact"]
+    (pooled,) = summarise(rows)
+    assert pooled["bound_kind"] == "bayes"
+    assert pooled["regular"] == pytest.approx(2 / 3)
+    (alone,) = summarise(rows[:1])
+    assert (alone["bound_kind"], alone["regular"]) == ("exact", 1.0)
+    # Held at the prior, a Bayesian bound is still one.
+    wide = Bound(np.full((2, 2), 9.0), "bayes", 1.0, 10.0)
+    est = estimate(np.zeros((2, 2)), np.ones((2, 2), bool))
+    (row,) = score_rows(key(), flat_truth((2, 2)), wide, est, status="ok")
+    assert row["bound_kind"] == "bayes"
+    assert row["bound"] == pytest.approx(wide.prior_m)

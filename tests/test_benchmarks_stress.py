@@ -8,6 +8,7 @@ import pytest
 
 from beambench.benchmarks.stress import AXES, axis_overrides, axis_unit, list_axes, stressed
 from beambench.benchmarks.suite import SUITES, cells_of, list_suites, load_suite
+from beambench.scenes.declare import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
@@ -29,17 +30,46 @@ LEVELS = {
     "wrong-index": 0.01,
     "wrong-t0": 1e-10,
     "wrong-pulse": 0.2,
+    "wrong-gate": 0.2,
+    "attenuation-lengths": 2.0,
+    "specular": 0.5,
+    "full-well": 0.5,
+    "motion": 1.0,
+    "phosphor": 1.5,
+    "screen-coverage": 0.7,
+    "screen-gap": 0.2,
+}
+
+#: Every stress that the project promises a suite for.
+STRESSES = (
+    "photons", "background", "attenuation-lengths", "incidence", "specular", "saturation", "delay-step", "jitter", "energy",
+    "motion", "phosphor", "window", "two-surfaces", "gate", "index",
+)  # fmt: skip
+
+#: What a few axes need of the scene.
+NEEDS = {
+    "attenuation-lengths": ("harbour-wall", {}),
+    "phosphor": (
+        "flat-wall",
+        {"rig.detector.intensifier": {"gain": 50.0, "excess_noise_factor": 2.0, "phosphor_sigma_px": 0.0}},
+    ),
+    "screen-coverage": ("flat-wall", {"rig.screen": {"distance_m": 4.7, "coverage": 0.5, "albedo": 0.5}}),
+    "screen-gap": ("flat-wall", {"rig.screen": {"distance_m": 4.7, "coverage": 0.5, "albedo": 0.5}}),
 }
 
 
 def test_every_axis_changes_the_scene() -> None:
-    scene = load_scene("flat-wall")
     assert set(LEVELS) == set(AXES) and list_axes()
     for axis, level in LEVELS.items():
+        name, needs = NEEDS.get(axis, ("flat-wall", {}))
+        scene = load_scene(name, needs)
         changed, overrides = stressed(scene, [(axis, level)])
         assert changed != scene, axis
         # What was changed is written down as overrides: the same scene comes of them, as `--set` would make it.
-        assert load_scene("flat-wall", overrides) == changed, axis
+        assert load_scene(name, needs | overrides) == changed, axis
+        if axis in NEEDS:
+            with pytest.raises(InputError, match="does not apply"):
+                stressed(load_scene("flat-wall"), [(axis, level)])
 
 
 def test_neutral_levels_change_nothing() -> None:
@@ -71,6 +101,27 @@ def test_what_named_axes_mean() -> None:
     wrong, overrides = stressed(scene, [("wrong-index", 0.01), ("wrong-t0", 1e-10)])
     assert wrong.rig == scene.rig and wrong.medium == scene.medium
     assert set(wrong.declared) == {"medium.index", "t0_s"} and set(overrides) == {"declared"}
+
+
+def test_murkier_water_keeps_its_kind() -> None:
+    scene = load_scene("harbour-wall")
+    for level in (0.0, 3.0):
+        murky = stressed(scene, [("attenuation-lengths", level)])[0].medium
+        assert murky.attenuation_per_m * 1.2 == pytest.approx(level)
+        assert murky.phase == scene.medium.phase
+    ratio = scene.medium.scattering_per_m / scene.medium.attenuation_per_m
+    assert murky.scattering_per_m / murky.attenuation_per_m == pytest.approx(ratio)
+
+
+def test_specular_matter_keeps_its_albedo_and_a_wrong_gate_its_rig() -> None:
+    scene = load_scene("flat-wall")
+    material = stressed(scene, [("specular", 0.75)])[0].target[0].material
+    assert material.diffuse_albedo + material.specular_albedo == pytest.approx(0.5)  # type: ignore[union-attr]
+    wrong = stressed(scene, [("wrong-gate", 0.5)])[0]
+    assert wrong.rig == scene.rig
+    declared, true = declared_rig(wrong), declared_rig(scene)
+    areas = [g["step_s"] * sum(g["value"]) for rig in (declared, true) for g in rig["gates"]]
+    assert areas[0] / areas[1] == pytest.approx(1.5, abs=0.05)
 
 
 def test_paths_are_axes_too() -> None:
@@ -124,7 +175,7 @@ def test_five_lines_make_a_suite() -> None:
 
 def test_the_stress_suites_load_and_hold_their_seeds_apart() -> None:
     names = [name for name in list_suites() if name.startswith("stress-")]
-    assert len(names) >= 6
+    assert {f"stress-{what}" for what in STRESSES} <= set(names)
     for name in names:
         suite = load_suite(name).suite
         assert suite.suite == name and (SUITES / f"{name}.toml").is_file()

@@ -16,7 +16,7 @@ from beambench import cli
 
 #: Every command, as typed.
 COMMANDS = (
-    "run", "scenes list", "scenes show", "generate", "data status", "data verify", "data repair", "data finalize",
+    "run", "scenes list", "scenes show", "scenes preview", "generate", "data status", "data verify", "data repair", "data finalize",
     "estimate",
     "score", "estimators list", "estimators check", "estimators new", "report", "compare", "doctor",
     "export", "sweep", "break", "fidelity", "reproduce",

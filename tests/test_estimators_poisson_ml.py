@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 
+from beambench.benchmarks.bounds.efficiency import Cell, cell_levels, cell_scene
+from beambench.benchmarks.bounds.written import written_capture
 from beambench.benchmarks.peers.stacks import GaussianRig, poisson_bound, stack_capture
+from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
 from beambench.optics.constants import C_M_PER_S
+from beambench.scenes.scene import gated_rig
 
 HALF_C = C_M_PER_S / 2
 TRIALS = (100, 200)  # 20,000 per cell
@@ -121,3 +126,46 @@ def test_clipped_samples_are_left_out() -> None:
     error = (result["range"].values - tau * HALF_C)[valid] / result["sigma"].values[valid]
     # Which samples are missing depends on their noise a little; the rest must still be near a true sigma.
     assert np.sqrt(np.mean(error**2)) < 1.3
+
+
+def _rectangular(seed: int, photons: float, step: float, background: float = 2.0) -> tuple[xr.Dataset, np.ndarray]:
+    cell = Cell("rectangular", photons, background * 64 / photons, step)
+    scene = cell_scene(cell, 20, 30)
+    delays = gated_rig(scene).delays
+    middle = delays.start_s + delays.step_s * delays.count / 2
+    tau = middle + delays.step_s * np.random.default_rng(seed).uniform(-1, 1, (20, 30))
+    amplitude, level = cell_levels(cell, scene)
+    return written_capture(scene, amplitude, level, tau * HALF_C, seed=seed), tau
+
+
+def test_the_middle_of_a_flat_top_is_taken() -> None:
+    # The pulse is shorter than the step: whole stretches of delays give equal counts. Nothing is refused, the error is
+    # that of not knowing where in the stretch, w/√12, and it is stated.
+    capture, tau = _rectangular(3, 2e4, 3.0)
+    result = run_estimator("poisson-ml", hide_truth(capture))
+    assert result["valid"].values.all()
+    error = result["range"].values / HALF_C - tau
+    sigma = result["sigma"].values / HALF_C
+    flat = sigma > 0.5 * sigma.max()
+    rig = gated_rig(cell_scene(Cell("rectangular", 2e4, 0.0, 3.0), 1, 1))
+    # Ramps of .5 ns follow each delay and, 1.5 ns later, its gate's end: between the next delay's they leave 2 step − 2 ns.
+    dark = 2 * rig.delays.step_s - 2.0e-9
+    assert 0.2 < flat.mean() < 0.8
+    assert np.median(sigma[flat]) == pytest.approx(dark / np.sqrt(12), rel=0.05)
+    assert np.abs(error[flat]).max() < 0.6 * dark
+    # 600 echoes: 3 % of standard error, four of them.
+    assert np.sqrt(np.mean((error / sigma) ** 2)) == pytest.approx(1.0, abs=0.12)
+
+
+def test_corners_change_nothing_else() -> None:
+    capture, tau = _rectangular(4, 5e3, 0.8)
+    counts = capture["counts"].values
+    # Missing and clipped samples are left out here too: one on the echo's shoulder.
+    capture["counts"].values[30] = 65535
+    whole = run_estimator("poisson-ml", hide_truth(capture))
+    assert whole["valid"].values.mean() > 0.99
+    error = (whole["range"].values / HALF_C - tau) * HALF_C / whole["sigma"].values
+    assert np.sqrt(np.nanmean(error**2)) == pytest.approx(1.0, abs=0.15)
+    noise = np.random.default_rng(5).poisson(100 + 8 * 3.0, counts.shape).astype(np.uint16)
+    nothing = run_estimator("poisson-ml", hide_truth(capture.assign(counts=capture["counts"].copy(data=noise))))
+    assert nothing["valid"].values.mean() < 0.01

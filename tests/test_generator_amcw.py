@@ -112,7 +112,7 @@ def test_impossible_rigs_are_refused(changes: dict[str, Any], where: str) -> Non
     assert where in error.value.where
 
 
-def test_rungs_above_direct_are_refused_and_not_silently_left_out() -> None:
+def test_the_full_rung_is_refused_and_not_silently_left_out() -> None:
     for name in ("amcw", "counter"):
         with pytest.raises(InputError, match="gated scenes only"):
-            generate(load_scene(name), seed=1, fidelity="scatter")
+            generate(load_scene(name), seed=1, fidelity="full")

@@ -259,6 +259,26 @@ def test_generate_full_adds_the_remainder_as_background() -> None:
     assert again["counts"].values.tobytes() == full["counts"].values.tobytes()
 
 
+def test_shares_of_the_light_are_kept_on_request() -> None:
+    """Their sum is the light, the counts are the same with and without them, and a store takes them."""
+    scene = load_scene(
+        "harbour-wall",
+        {"rig.camera.rows": 6, "rig.camera.cols": 6, "rig.camera.pixel_pitch_m": 8e-5, "rig.delays.count": 6},
+    )
+    kept = generate(scene, seed=3, fidelity="full", rtol=0.1, truth_electrons=True, truth_components=True)
+    plain = generate(scene, seed=3, fidelity="full", rtol=0.1)
+    names = [f"truth_{name}" for name in ("direct", "interreflection", "single", "multiple")]
+    total = np.sum([kept[name].values.astype(float) for name in names], axis=0)
+    rest = kept["truth_electrons"].values - total
+    assert np.ptp(rest, axis=(1, 2)).max() < 1e-3 * total.max()  # ambient and dark: the same in every pixel
+    assert np.array_equal(kept["counts"].values, plain["counts"].values)
+    assert all(name not in plain for name in names)
+    assert (kept["truth_standard_error"].values > 0).all()
+    assert kept["truth_single"].values.sum() > 0 and kept["truth_multiple"].values.sum() > 0
+    with pytest.raises(InputError, match="kept apart"):
+        generate(scene, seed=3, fidelity="scatter", truth_components=True)
+
+
 def test_convex_scene_is_the_direct_one() -> None:
     """In clear air the rungs differ by nothing but their share of rtol."""
     scene = load_scene("flat-wall", {"rig.camera.rows": 8, "rig.camera.cols": 8, "rig.camera.focal_length_m": 4e-4})

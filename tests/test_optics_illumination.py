@@ -45,7 +45,7 @@ def test_half_angle_means_what_it_says() -> None:
 
 def test_beam_offset() -> None:
     axis = il.beam_axis((0.1, -0.05))
-    np.testing.assert_allclose(axis[:2] / axis[2], [np.tan(0.1), np.tan(-0.05)], rtol=1e-14)
+    np.testing.assert_allclose(axis[:2] / axis[2], [np.tan(0.1), np.tan(-0.05) / np.cos(0.1)], rtol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(axis), 1.0, rtol=1e-14)
     np.testing.assert_allclose(il.off_axis_angle([0.0, 0.0, 2.0], il.beam_axis((0.1, 0.0))), 0.1, rtol=1e-14)
     # Accurate near the axis, where acos(d·a) would give 0 or 1.5e-8.

@@ -13,7 +13,8 @@ import pandas as pd
 import pytest
 
 from beambench.benchmarks.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, range_limits
-from beambench.benchmarks.report_data import base_cells, cells_of, mark_front, read_scores
+from beambench.benchmarks.report_data import base_cells, cells_of, read_scores
+from beambench.benchmarks.report_front import mark_front
 from beambench.benchmarks.report_layout import log_domain, log_ticks, place_labels
 from beambench.benchmarks.report_text import closing_lines, number, rank, rate, summary, time_text
 
@@ -219,7 +220,7 @@ def test_labels_do_not_overlap() -> None:
         for i in range(8)
     ]
     points.append({"cpu": 1000.0, "error": 100.0, "front": False, "text": "far", "label": "far"})
-    place_labels(points, [point["error"] for point in points])
+    place_labels(points, [point["cpu"] for point in points], [point["error"] for point in points])
     places = {(point["align"], point["dx"], point["dy"]) for point in points[:8]}
     assert len(places) >= 6
 
@@ -231,5 +232,5 @@ def test_an_estimator_is_labelled_once_unless_its_points_lie_apart() -> None:
 
     for second, shown in ((1.05, ["a", "", "b"]), (300.0, ["a", "a", "b"])):
         placed = points(second)
-        place_labels(placed, [1.0, 1e3])
+        place_labels(placed, [10.0, 1e3], [1.0, 1e3])
         assert [point["text"] for point in placed] == shown

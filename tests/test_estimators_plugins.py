@@ -1,0 +1,195 @@
+"""Third-party estimators: a package that pip installs, held to the laws and run; and packages that misbehave."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+import beambench
+
+SIZE = {"rig.camera.rows": 8, "rig.camera.cols": 8}
+
+
+def _wheel(package: Path, folder: Path) -> Path:
+    """The wheel of a one-module package by its pyproject.toml, made by hand: no build backend, old or new, is needed."""
+    project = tomllib.loads((package / "pyproject.toml").read_text())
+    name, version = project["project"]["name"].replace("-", "_"), project["project"]["version"]
+    info = f"{name}-{version}.dist-info"
+    groups = project["project"]["entry-points"]
+    entries = "".join(f"[{g}]\n" + "".join(f"{k} = {v}\n" for k, v in items.items()) for g, items in groups.items())
+    files = {
+        f"{module}.py": (package / f"{module}.py").read_text() for module in project["tool"]["setuptools"]["py-modules"]
+    }
+    files |= {
+        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {project['project']['name']}\nVersion: {version}\n",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        f"{info}/entry_points.txt": entries,
+    }
+    files[f"{info}/RECORD"] = "".join(f"{path},,\n" for path in [*files, f"{info}/RECORD"])
+    path = folder / f"{name}-{version}-py3-none-any.whl"
+    with zipfile.ZipFile(path, "w") as archive:
+        for inside, text in files.items():
+            archive.writestr(inside, text)
+    return path
+
+
+def _install(package: Path, site: Path) -> None:
+    """pip as a user would call it, with no network."""
+    if importlib.util.find_spec("pip") is None:
+        pytest.skip("pip is not installed")
+    flags = ["--no-index", "--no-deps", "--disable-pip-version-check", "--quiet"]
+    wheel = _wheel(package, site.parent)
+    command = [sys.executable, "-m", "pip", "install", *flags, "--target", str(site), str(wheel)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def _beambench(site: Path, *arguments: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-m", "beambench", *arguments], capture_output=True, text=True, check=False, cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+
+
+def _suite(folder: Path, estimators: list[str]) -> Path:
+    data: dict[str, Any] = {
+        "suite": "plugins", "scenes": [{"scene": "flat-wall", "overrides": SIZE}], "estimators": estimators,
+        "seeds": {"test": [1]}, "limits": {"time_s": 3.0, "memory_bytes": 2**31, "output_bytes": 65536, "warmup_s": 25.0},
+    }  # fmt: skip
+    path = folder / "plugins.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+def _scores(out: Path) -> pd.DataFrame:
+    table = pd.read_csv(out / "scores.csv")
+    return table[table["quantity"] == "range"].set_index("estimator")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plugin")
+    package = beambench.estimators_new("my-median", out=folder / "my-median")
+    _install(package, folder / "site")
+    assert list((folder / "site").glob("beambench_my_median-*.dist-info/entry_points.txt"))
+    return folder / "site"
+
+
+def test_an_installed_plugin_is_listed_and_keeps_the_laws(site: Path) -> None:
+    listed = _beambench(site, "estimators", "list", "--json")
+    rows = {row["name"]: row for row in json.loads(listed.stdout)}
+    assert rows["my-median"]["origin"] == "plug-in" and rows["peak"]["origin"] == "built-in"
+    assert rows["my-median"]["parameters"] == {"threshold": 0.05}
+    checked = _beambench(site, "estimators", "check", "my-median", "--json")
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    found = json.loads(checked.stdout)
+    assert found["ok"] and len(found["laws"]) >= 9
+
+
+def test_an_installed_plugin_runs_in_a_suite(site: Path, tmp_path: Path) -> None:
+    if importlib.util.find_spec("mitsuba") is None:
+        pytest.skip("Mitsuba is not installed")
+    out = tmp_path / "run"
+    suite = _suite(tmp_path, ["my-median", "my-median[threshold=0.2]", "peak"])
+    done = _beambench(site, "run", str(suite), "-o", str(out))
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = _scores(out)
+    assert (table["status"] == "ok").all() and len(table) == 3
+    # 160 photoelectrons under a 1 ns response in .15 ns steps: the median's error is millimetres; a slice is 22 mm.
+    assert (table.loc[["my-median"], "rmse_full"] < 0.022).all()
+
+
+#: Entry points of one package that misbehaves in each way: name -> function, and the module that they live in.
+HOSTILE = {
+    "raises-at-import": ("hostile_import", "answer"),
+    "leaves-at-import": ("hostile_exit", "answer"),
+    "hangs": ("hostile_calls", "hangs"),
+    "prints": ("hostile_calls", "prints"),
+    "kills-itself": ("hostile_calls", "kills_itself"),
+    "is-no-estimator": ("hostile_calls", "unmarked"),
+}
+MODULES = {
+    "hostile_import": "raise RuntimeError('no licence found')\n",
+    "hostile_exit": "import sys\nsys.exit('good bye')\n",
+    "hostile_calls": """
+import os, time
+from beambench.estimators import estimator
+
+def unmarked(capture):
+    return capture
+
+@estimator("gated", cites="a test")
+def hangs(capture):
+    time.sleep(1000)
+
+@estimator("gated", cites="a test")
+def prints(capture):
+    while True:
+        print("x" * 1000, flush=True)
+
+@estimator("gated", cites="a test")
+def kills_itself(capture):
+    os._exit(0)
+""",
+}
+
+
+def _lay(site: Path, entries: dict[str, tuple[str, str]], name: str = "hostile") -> None:
+    """A package as pip leaves it: modules and a .dist-info with entry points."""
+    site.mkdir(exist_ok=True)
+    for module, text in MODULES.items():
+        (site / f"{module}.py").write_text(text)
+    info = site / f"{name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    lines = [f"{entry} = {module}:{function}" for entry, (module, function) in entries.items()]
+    (info / "entry_points.txt").write_text("[beambench.estimators]\n" + "\n".join(lines) + "\n")
+
+
+def test_hostile_plugins_are_results_and_the_others_go_on(tmp_path: Path) -> None:
+    if importlib.util.find_spec("mitsuba") is None:
+        pytest.skip("Mitsuba is not installed")
+    _lay(tmp_path / "site", HOSTILE)
+    out = tmp_path / "run"
+    suite = _suite(tmp_path, ["peak", *HOSTILE])
+    done = _beambench(tmp_path / "site", "run", str(suite), "-o", str(out))
+    assert done.returncode == 0, done.stdout + done.stderr
+    status = _scores(out)["status"]
+    assert status["peak"] == "ok"
+    told = {
+        "raises-at-import": "no licence", "leaves-at-import": "good bye", "hangs": "timeout", "prints": "flood",
+        "kills-itself": "crash", "is-no-estimator": "not a marked function",
+    }  # fmt: skip
+    for name, word in told.items():
+        assert status[name] != "ok" and word in status[name], (name, status[name])
+    assert (_scores(out).loc[list(told), "failure_rate"] == 1).all()
+
+
+def test_hostile_plugins_are_listed_with_the_reason(tmp_path: Path) -> None:
+    _lay(tmp_path / "site", HOSTILE)
+    listed = _beambench(tmp_path / "site", "estimators", "list", "--json")
+    assert listed.returncode == 0, listed.stderr
+    rows = {row["name"]: row for row in json.loads(listed.stdout)}
+    assert "no licence" in rows["raises-at-import"]["error"] and "good bye" in rows["leaves-at-import"]["error"]
+    assert "not a marked function" in rows["is-no-estimator"]["error"] and not rows["peak"]["error"]
+    checked = _beambench(tmp_path / "site", "estimators", "check", "raises-at-import")
+    assert checked.returncode == 2 and "no licence" in checked.stdout + checked.stderr
+
+
+def test_a_taken_name_is_refused_and_both_owners_are_told(tmp_path: Path) -> None:
+    _lay(tmp_path / "site", {"peak": ("hostile_calls", "prints")})
+    done = _beambench(tmp_path / "site", "estimators", "list")
+    said = done.stdout + done.stderr
+    assert done.returncode == 2 and "two estimators are named peak" in said
+    assert "hostile_calls:prints" in said and "uninstall" in said
