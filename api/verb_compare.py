@@ -42,7 +42,7 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
         a, b: folders of runs, or their scores.csv or scores.parquet.
 
     Raises:
-        InputError: no score table, or no row in common.
+        InputError: no score table, no row in common, or runs whose tables mean different things by "failed".
     """
     import pandas as pd
 
@@ -61,7 +61,9 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
             where=f"{a}, {b}",
             allowed="tables of one suite: equal scenes, seeds, conditions and estimators",
         )
-    differ = _machines_differ(*(read_run(folder if folder.is_dir() else folder.parent) for folder in map(Path, (a, b))))
+    runs = [read_run(folder if folder.is_dir() else folder.parent) for folder in map(Path, (a, b))]
+    _check_versions(runs, f"{a}, {b}")
+    differ = _machines_differ(*runs)
     rows = []
     for _, group in paired.groupby(_CELL, sort=False):
         first_row = group.iloc[0]
@@ -95,6 +97,21 @@ def compare(a: str | Path, b: str | Path) -> pd.DataFrame:
     result.attrs["machines_differ"] = differ
     result.attrs["over_scenes"] = _over_scenes(paired, label_of)
     return result
+
+
+def _check_versions(runs: list[dict[str, Any]], where: str) -> None:
+    """Runs that say how they were made must have been made by one contract; a bare table says nothing."""
+    from .scenes.errors import InputError
+
+    found = [run.get("tables_version", 1) for run in runs if run]
+    if len(set(found)) > 1:
+        raise InputError(
+            "The tables were made by different contracts: what counts as failed has changed between them.",
+            where=where,
+            value=", ".join(f"tables_version {version}" for version in found),
+            allowed="equal versions",
+            next_step="run the older suite again with this version of beambench",
+        )
 
 
 def _machines_differ(a: dict[str, Any], b: dict[str, Any]) -> list[str]:

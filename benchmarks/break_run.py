@@ -19,7 +19,7 @@ from .breaker import Search, search_and_shrink, suite_text
 from .estimator_labels import check_estimators
 from .files import write_json, write_text
 from .progress import Progress, silent
-from .record import machine, now, versions
+from .record import TABLES_VERSION, machine, now, versions
 from .skips import not_applicable, skip_reason
 from .stress import stressed
 from .suite import CELL_NONE, Cell, capture_key
@@ -188,7 +188,7 @@ def break_estimator(
         "overrides": dict(overrides or {}), "side": side, "factor": factor, "budget": budget, "seed": seed,
         "judged": search.judged, "captures": made, "impossible": judge.impossible, "found": search.find is not None,
         "scene": candidate.scene, "levels": dict(candidate.levels), "command": list(command), "started": began,
-        "finished": now(), "machine": machine(), "versions": versions(),
+        "finished": now(), "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
     }  # fmt: skip
     write_json(out / "run.json", record)
     wall = time.perf_counter() - start

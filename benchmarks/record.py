@@ -9,7 +9,10 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-__all__ = ["machine", "now", "versions"]
+__all__ = ["TABLES_VERSION", "machine", "now", "versions"]
+
+#: Version of the tables' contract (columns, failure limit, meaning of status). 2: docs/decisions 0013 to 0015.
+TABLES_VERSION = 2
 
 _PACKAGES = (
     "beambench", "numpy", "scipy", "numba", "xarray", "zarr", "mitsuba", "drjit", "pandas", "pyarrow", "pydantic",

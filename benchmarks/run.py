@@ -19,7 +19,7 @@ from .files import write_json
 from .output import Journal, default_folder, prepare_folder, without_nan
 from .picture_files import write_picture
 from .progress import Progress, silent
-from .record import machine, now, versions
+from .record import TABLES_VERSION, machine, now, versions
 from .result_cache import ResultCache
 from .runner import Job, Outcome, Session, run_sessions
 from .score import errors_of, score_rows
@@ -109,7 +109,7 @@ def run_suite(
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
         "overrides": dict(overrides or {}), "command": command or [], "started": began, "finished": now(),
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
-        "machine": machine(), "versions": versions(), "warnings": run.warnings, "failures": run.failures,
+        "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(), "warnings": run.warnings, "failures": run.failures,
         "skipped": skips_of(rows), "answers_from_cache": run.cache.hits if run.cache is not None else 0,
     }  # fmt: skip
     write_json(folder / "run.json", record)

@@ -20,7 +20,7 @@ from .failure_rate import Trial
 from .files import write_json
 from .output import Journal, default_folder, prepare_folder, without_nan
 from .progress import Progress, silent
-from .record import machine, now, versions
+from .record import TABLES_VERSION, machine, now, versions
 from .report_breakdown import curve_name, save_maps
 from .skips import not_applicable, skips_of
 from .stress import axis_unit, stressed
@@ -104,7 +104,7 @@ def sweep_suite(
         "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash, "split": split,
         "seeds": list(getattr(spec.seeds, split)), "captures": captures, "conditions": list(spec.conditions),
         "estimators": list(spec.estimators), "overrides": dict(overrides or {}), "command": list(command),
-        "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3), "machine": machine(),
+        "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3), "tables_version": TABLES_VERSION, "machine": machine(),
         "versions": versions(), "failures": sweep.failures, "skipped": skips_of(sweep.scores), "budget": budget,
         "depth": depth,
     }  # fmt: skip

@@ -33,8 +33,8 @@ class ChuaLaw:
         share = base / (lobe + base) if lobe + base > 0 else 1.0
         return ChuaLaw(opaque(k_s), opaque(k_d), opaque(slope), opaque(diffusivity), opaque(share), convention)
 
-    def response(self, wi: Any, wo: Any) -> Any:
-        """f·cosθo [1/sr]; light comes from wo."""
+    def response(self, wi: Any, wo: Any, shade: Any = 1.0) -> Any:
+        """f·cosθo [1/sr], the diffuse part times `shade`; light comes from wo."""
         import drjit as dr
 
         if self.convention == "reciprocal":
@@ -43,10 +43,10 @@ class ChuaLaw:
             # 1/cos²θh = 1 + tan²θh
             lobe = dr.exp(-tan2 / dr.square(self.slope) + 2.0 * dr.log(1.0 + tan2)) / wi.z
             base = dr.exp(0.5 * self.diffusivity * dr.log(wi.z * wo.z)) * wo.z
-            return self.k_s * lobe + self.k_d * base
+            return self.k_s * lobe + self.k_d * shade * base
         tan2 = (dr.square(wo.x) + dr.square(wo.y)) / dr.square(wo.z)
         lobe = dr.exp(-tan2 / dr.square(self.slope) + 3.0 * dr.log(1.0 + tan2))
-        value = self.k_s * lobe + self.k_d * dr.exp(self.diffusivity * dr.log(wo.z))
+        value = self.k_s * lobe + self.k_d * shade * dr.exp(self.diffusivity * dr.log(wo.z))
         return value * wo.z if self.convention == "brdf" else value
 
     def sample(self, wi: Any, choice: Any, point: Any) -> Any:

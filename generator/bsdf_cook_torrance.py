@@ -53,8 +53,8 @@ class CookTorranceLaw:
         length = dr.norm(half)
         return half.z / length, flat / dr.square(half.z), 0.5 * length
 
-    def response(self, wi: Any, wo: Any) -> Any:
-        """f·cosθo [1/sr]."""
+    def response(self, wi: Any, wo: Any, shade: Any = 1.0) -> Any:
+        """f·cosθo [1/sr], the diffuse part times `shade`."""
         import drjit as dr
 
         cos_h, tan2, cos_d = self._half(wi, wo)
@@ -62,7 +62,7 @@ class CookTorranceLaw:
         fresnel = self.f0 + (1.0 - self.f0) * (1.0 - dr.minimum(cos_d, 1.0)) ** 5
         shade = ci * co + co * self._masking(ci) + ci * self._masking(co)
         facets = 0.25 * fresnel * facet_density(cos_h, tan2, self.alpha, self.ggx) / dr.maximum(shade, 1e-20)
-        return (self.diffuse / dr.pi + facets) * co
+        return (self.diffuse * shade / dr.pi + facets) * co
 
     def sample(self, wi: Any, choice: Any, point: Any) -> Any:
         """Cosine hemisphere, or a facet with density D cosθh that mirrors wi."""

@@ -36,12 +36,12 @@ class PhongLaw:
         lobe = dr.exp(self.exponent * dr.log(dr.clip(cosine, 1e-30, 1.0)))
         return dr.select(cosine > 0.0, lobe, 0.0)
 
-    def response(self, wi: Any, wo: Any) -> Any:
-        """f·cosθo [1/sr]."""
+    def response(self, wi: Any, wo: Any, shade: Any = 1.0) -> Any:
+        """f·cosθo [1/sr], the diffuse part times `shade`."""
         import drjit as dr
 
         lobe = self.specular * (self.exponent + 2.0) * (0.5 / dr.pi) * self._lobe(wi, wo)
-        return (self.diffuse / dr.pi + lobe) * wo.z
+        return (self.diffuse * shade / dr.pi + lobe) * wo.z
 
     def sample(self, wi: Any, choice: Any, point: Any) -> Any:
         """Cosine hemisphere, or density (n+1)/(2π) cosⁿα about the mirror direction."""

@@ -14,6 +14,7 @@ from .backend import mitsuba
 from .bsdf_chua import ChuaLaw
 from .bsdf_cook_torrance import CookTorranceLaw
 from .bsdf_phong import PhongLaw
+from .bsdf_texture import Shade
 
 __all__ = ["Law", "law_of", "mitsuba_bsdf"]
 
@@ -21,8 +22,8 @@ __all__ = ["Law", "law_of", "mitsuba_bsdf"]
 class Law(Protocol):
     """An isotropic reflection law in the local frame (normal along z), for wi.z > 0 and wo.z > 0."""
 
-    def response(self, wi: Any, wo: Any) -> Any:
-        """f(wi, wo)·cosθo [1/sr]."""
+    def response(self, wi: Any, wo: Any, shade: Any = 1.0) -> Any:
+        """f(wi, wo)·cosθo [1/sr], its diffuse part times `shade`."""
 
     def sample(self, wi: Any, choice: Any, point: Any) -> Any:
         """A direction wo from one and two uniform numbers; it may lie below the surface, and then carries nothing."""
@@ -43,10 +44,13 @@ def law_of(material: Material) -> Law:
     return ChuaLaw.of(material.k_s, material.k_d, material.slope, material.diffusivity, material.convention)
 
 
-def mitsuba_bsdf(material: Material) -> Any:
-    """A two-sided Mitsuba BSDF of the material."""
+def mitsuba_bsdf(material: Material, shade: Shade | None = None) -> Any:
+    """A two-sided Mitsuba BSDF of the material, its diffuse part times the texture `shade`.
+
+    Directions are sampled as without the texture, which is right for any of its values.
+    """
     mi = mitsuba()
-    one_sided = _plugin()(mi.Properties(), law_of(material))
+    one_sided = _plugin()(mi.Properties(), law_of(material), shade)
     return mi.load_dict({"type": "twosided", "inner": one_sided})
 
 
@@ -59,12 +63,17 @@ def _plugin() -> Any:
     class LawBSDF(mi.BSDF):  # type: ignore[name-defined,misc]
         """A Mitsuba BSDF around a law."""
 
-        def __init__(self, props: Any, law: Law) -> None:
+        def __init__(self, props: Any, law: Law, shade: Shade | None) -> None:
             super().__init__(props)
-            self._law = law
+            self._law, self._shade = law, shade
             flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
             self.m_components = [flags]
             self.m_flags = flags
+
+        def _response(self, si: Any, wo: Any, active: Any) -> Any:
+            if self._shade is None:
+                return self._law.response(si.wi, wo)
+            return self._law.response(si.wi, wo, self._shade.at(si.uv, active))
 
         def _above(self, si: Any, wo: Any, active: Any) -> Any:
             return active & (si.wi.z > 0.0) & (wo.z > 0.0)
@@ -80,12 +89,12 @@ def _plugin() -> Any:
             result.eta = 1.0
             result.sampled_type = mi.UInt32(int(self.m_flags))
             result.sampled_component = 0
-            weight = dr.select(active, self._law.response(si.wi, wo) / pdf, 0.0)
+            weight = dr.select(active, self._response(si, wo, active) / pdf, 0.0)
             return result, mi.Spectrum(weight)
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            value = self._law.response(si.wi, wo)
-            return mi.Spectrum(dr.select(self._above(si, wo, active), value, 0.0))
+            active = self._above(si, wo, active)
+            return mi.Spectrum(dr.select(active, self._response(si, wo, active), 0.0))
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             return dr.select(self._above(si, wo, active), self._law.density(si.wi, wo), 0.0)

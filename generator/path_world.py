@@ -18,6 +18,7 @@ from ..scenes.shapes import Sphere
 from .backend import mitsuba
 from .bsdf_lobes import opaque
 from .bsdf_plugin import mitsuba_bsdf
+from .bsdf_texture import shade_of, sphere_frame, vertex_uv
 from .echo import response
 from .path_phase import PhaseCells, phase_cells_of
 
@@ -163,27 +164,25 @@ def _geometry(scene: Scene) -> Any:
     for number, item in enumerate(scene.target):
         where = f"{scene.name}: target.{item.name}"
         _check_energy(item.material, where)
-        if item.texture is not None:
-            raise InputError(
-                "Paths are traced without textures.",
-                where=f"{where}.texture",
-                value=item.texture.file,
-                allowed="fidelity 'direct' or 'scatter'",
-                next_step="leave the texture out, or use fidelity 'direct' or 'scatter'",
-            )
-        bsdf = mitsuba_bsdf(item.material)
+        bsdf = mitsuba_bsdf(item.material, shade_of(item, where))
         if isinstance(item.shape, Sphere):
             if np.linalg.norm(item.shape.center_m) <= item.shape.radius_m:
                 raise InputError("The camera is inside a target.", where=where, value=item.shape.radius_m)
-            center, radius = list(item.shape.center_m), item.shape.radius_m
-            parts[f"o{number}"] = {"type": "sphere", "center": center, "radius": radius, "bsdf": bsdf}
+            center, radius = item.shape.center_m, item.shape.radius_m
+            placed: dict[str, Any] = {"center": list(center), "radius": radius}
+            if item.texture is not None:
+                placed = {"to_world": sphere_frame(center, radius)}
+            parts[f"o{number}"] = {"type": "sphere", **placed, "bsdf": bsdf}
             continue
         vertices, faces = shape_mesh(item.shape, where)
         props = mi.Properties()
         props["face_normals"] = True
         props["mesh_bsdf"] = bsdf
-        mesh = mi.Mesh(f"o{number}", len(vertices), len(faces), props=props)
+        uv = None if item.texture is None else vertex_uv(item, vertices, where)
+        mesh = mi.Mesh(f"o{number}", len(vertices), len(faces), has_vertex_texcoords=uv is not None, props=props)
         params = mi.traverse(mesh)
+        if uv is not None:
+            params["vertex_texcoords"] = np.ascontiguousarray(uv, dtype=np.float32).ravel()
         params["vertex_positions"] = np.ascontiguousarray(vertices, dtype=np.float32).ravel()
         params["faces"] = np.ascontiguousarray(faces, dtype=np.uint32).ravel()
         params.update()

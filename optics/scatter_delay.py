@@ -123,7 +123,9 @@ def _groups(
     cell = reach / _CELLS
     one, *rest = (np.fft.rfft(_histogram(longer, light, cell), 2 * _CELLS) for longer, light in ways)
     many = np.fft.irfft(np.expm1(one) * (np.exp(rest[0]) if rest else 1.0), 2 * _CELLS)[:_CELLS]
-    return _quantile_groups(cell * np.arange(_CELLS), np.asarray(np.maximum(many, 0.0), dtype=np.float64))
+    return _quantile_groups(
+        cell * np.arange(_CELLS, dtype=np.float64), np.asarray(np.maximum(many, 0.0), dtype=np.float64)
+    )
 
 
 def _rare(longer: Array, light: Array) -> float:

@@ -282,3 +282,17 @@ def test_two_tables_are_compared_over_scenes(tmp_path: Path, capsys: pytest.Capt
     assert table["cpu_ratio"].isna().all() and table.attrs["machines_differ"] == ["device_class cpu and cuda"]
     assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
     assert "times are not compared: device_class cpu and cuda" in capsys.readouterr().out
+
+
+def test_tables_of_two_contracts_are_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import json
+
+    from beambench import cli
+    from beambench.benchmarks.record import TABLES_VERSION
+
+    for name, record in (("old", {"suite": "s"}), ("new", {"suite": "s", "tables_version": TABLES_VERSION})):
+        (tmp_path / name).mkdir()
+        write_tables(tmp_path / name, _table(0.2))
+        (tmp_path / name / "run.json").write_text(json.dumps(record))
+    assert cli.main(["compare", str(tmp_path / "old"), str(tmp_path / "new")]) == 2
+    assert "tables_version 1, tables_version 2" in capsys.readouterr().err

@@ -178,11 +178,6 @@ def test_a_scene_without_texture_reads_as_before(ramp: dict[str, Any]) -> None:
     assert again == wall(ramp)
 
 
-def test_the_traced_rung_refuses_what_it_does_not_trace(ramp: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="texture"):
-        generate(wall(ramp), seed=1, fidelity="full")
-
-
 def test_png_files_and_their_encoding(tmp_path: Path) -> None:
     import OpenImageIO as oiio
 
