@@ -126,6 +126,7 @@ def generate(
     fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+    truth_components: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     like: str | None = None,
     plan: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     out: Out = None,
@@ -148,6 +149,8 @@ def generate(
         "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
     truth_electrons
         Keep the noise-free expectation of every sample too.
+    truth_components
+        Keep the light apart too: direct, between surfaces, scattered once, scattered more often. With --fidelity full only.
     like
         Repeat this store from its own records and compare: how many values differ. Exit code 1 if any does.
     plan
@@ -167,6 +170,7 @@ def generate(
             fidelity=fidelity,
             rtol=rtol,
             truth_electrons=truth_electrons,
+            truth_components=truth_components,
             like=like,
             plan=plan,
             out=out,

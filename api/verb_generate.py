@@ -53,6 +53,7 @@ class _Item:
     fidelity: Literal["direct", "scatter", "full", "auto"]
     rtol: float | Literal["noise"]
     truth_electrons: bool
+    truth_components: bool = False
 
 
 def generate(
@@ -63,6 +64,7 @@ def generate(
     fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: bool = False,
+    truth_components: bool = False,
     like: str | Path | None = None,
     plan: bool = False,
     out: str | Path | None = None,
@@ -81,6 +83,8 @@ def generate(
         fidelity, rtol: rung of the forward model, and the relative error aimed at; by default the suite's, or "direct"
             and 1e-3. rtol "noise", for fidelity "auto": below one standard deviation of the detector's noise.
         truth_electrons: keep the noise-free expectation of each sample as well.
+        truth_components: keep the stacks that the lamp's light is the sum of as well: `truth_direct`,
+            `truth_interreflection`, `truth_single` and `truth_multiple`; with fidelity "full" of gated scenes only.
         like: a store to repeat from its own records; the new captures are compared with it value by value, and written
             only if `out` is given.
         plan: tell what would be made, and make nothing.
@@ -96,7 +100,7 @@ def generate(
         raise InputError("Give either a scene or suite, or --like STORE.", where="generate", allowed="one of the two")
     if like is not None:
         return _repeat(Path(like), plan, out, overwrite, progress or silent)
-    groups = _items(source, dict(overrides or {}), seeds, fidelity, rtol, truth_electrons)
+    groups = _items(source, dict(overrides or {}), seeds, fidelity, rtol, truth_electrons, truth_components)
     planned = [_planned(item) for items in groups.values() for item in items]
     if plan:
         return Generated(planned)
@@ -122,6 +126,7 @@ def _items(
     fidelity: Literal["direct", "scatter", "full", "auto"] | None,
     rtol: float | Literal["noise"] | None,
     electrons: bool,
+    components: bool,
 ) -> dict[str, list[_Item]]:
     """Captures to make by store; the one store of a scene has the name ""."""
     from .benchmarks.suite import CELL_NONE, cells_of, load_suite
@@ -134,12 +139,13 @@ def _items(
         groups: dict[str, list[_Item]] = {}
         for cell in cells_of(loaded):
             if cell.stress == CELL_NONE:
-                item = _Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons)
+                item = _Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons, components)
                 groups.setdefault(cell.scene_name, []).append(item)
         return groups
     scene = load_scene(source, overrides)
     aimed = 1e-3 if rtol is None else rtol
-    return {"": [_Item(scene, seed, None, fidelity or "direct", aimed, electrons) for seed in seeds]}
+    rung = fidelity or "direct"
+    return {"": [_Item(scene, seed, None, rung, aimed, electrons, components) for seed in seeds]}
 
 
 def _is_suite(source: Any) -> bool:
@@ -194,6 +200,7 @@ def _make(item: _Item) -> xr.Dataset:
         fidelity=item.fidelity,
         rtol=item.rtol,
         truth_electrons=item.truth_electrons,
+        truth_components=item.truth_components,
     )
 
 
@@ -239,6 +246,7 @@ def _recorded(attrs: Mapping[str, Any], where: str) -> _Item:
             arguments["fidelity"],
             "noise" if arguments["rtol"] == "noise" else float(arguments["rtol"]),
             bool(arguments["truth_electrons"]),
+            bool(arguments.get("truth_components", False)),
         )
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise InputError(

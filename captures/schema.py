@@ -171,7 +171,8 @@ _WAVEFORM = (
     _truth("truth_range", "shot", _REAL, "m", "radial range"),
     _truth("truth_amplitude", "shot", _REAL, "electron", "photoelectrons of the whole echo", required=False),
     _truth(
-        "truth_background", "shot sample", _REAL, "electron", "ambient and dark electrons of the sample",
+        "truth_background", "shot sample", _REAL, "electron",
+        "ambient and dark electrons of the sample, and what the water scatters back",
         required=False, also=(("shot",),),
     ),
     _truth("truth_electrons", "shot sample", _MAP, "electron", "noise-free expectation", required=False),
@@ -185,8 +186,13 @@ _AMCW = (
     _coord("valid", "shot", _BOOL, "1", "whether the shot was recorded soundly", required=False),
     _truth("truth_range", "shot", _REAL, "m", "radial range"),
     _truth("truth_amplitude", "shot", _REAL, "electron", "mean photoelectrons of a sample", required=False),
+    _truth(
+        "truth_background", "shot frequency phase", _REAL, "electron",
+        "ambient and dark electrons of the sample, and what the water scatters back",
+        required=False, also=(("shot",),),
+    ),
     _truth("truth_electrons", "shot frequency phase", _MAP, "electron", "noise-free expectation", required=False),
-)
+)  # fmt: skip
 
 _LASER_LINE = (
     _data("counts", "frame row col", _COUNTS, "DN", "digital counts of the frames", channel=True),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..optics.jit import kernel
+from .poisson_clipped import log_reached, reached
 
 __all__ = ["fit_careful", "fit_fast", "solve", "start"]
 
@@ -154,42 +155,79 @@ def fit_fast(zs, e, s, e_sum, s_sum, table, first, last, low, high, reach, floor
 
 
 @kernel(error_model="numpy")
-def _misfit(zs, e, s, share, table, x, a, b):  # type: ignore[no-untyped-def]
-    """−log likelihood of the shifted Poisson counts, without constants."""
+def _misfit(zs, e, s, share, held, table, x, a, b):  # type: ignore[no-untyped-def]
+    """−log likelihood of the shifted Poisson counts and of the clipped ones, without constants."""
+    clipped, clip, e_one, s_one, part = held
     j = int(x + 0.5)
     f = x - j
     total = 0.0
     for g in range(zs.size):
+        v = a * (table[j, 0, g] + f * (table[j, 1, g] + f * table[j, 2, g]))
         if share[g] > 0:
-            mean = a * share[g] * (table[j, 0, g] + f * (table[j, 1, g] + f * table[j, 2, g])) + b * e[g] + s[g]
+            mean = v * share[g] + b * e[g] + s[g]
             if mean <= 0:
                 return np.inf
             total += mean - zs[g] * np.log(mean)
+        if clipped[g] > 0:
+            mean = v * part[g] + b * e_one[g] + s_one[g]
+            if mean <= 0:
+                return np.inf
+            total -= clipped[g] * log_reached(mean, clip[g])
     return total
 
 
 @kernel(error_model="numpy")
-def fit_careful(zs, e, s, share, table, low, high, reach, floor, x, a, b):  # type: ignore[no-untyped-def]
+def _first(zs, e, s, share, held, table, low, high, reach, x, a, b):  # type: ignore[no-untyped-def]
+    """The best of some starts where samples are clipped: what they hide makes the matched filter's amplitude too small."""
+    best, top, x1, a1 = np.inf, 0, x, a
+    for turn in range(3):
+        place = min(max(x + (0.0, -2.0, 2.0)[turn] * reach, low), high)
+        for power in range(12):
+            there = _misfit(zs, e, s, share, held, table, place, a * 3.0**power, b)
+            if there < best:
+                best, top, x1, a1 = there, power, place, a * 3.0**power
+            elif power > top + 1 and turn == 0:
+                break
+    return x1, a1
+
+
+@kernel(error_model="numpy")
+def fit_careful(zs, e, s, share, held, table, low, high, reach, floor, x, a, b):  # type: ignore[no-untyped-def]
     """Fisher scoring with step halving on the likelihood, for pixels that lack samples or did not converge fast.
 
-    share[g] is the usable part of group g (e and s are already that part's, own arrays: changed where it is 0).
+    share[g] is the usable part of group g (e and s are already that part's, own arrays: changed where it is 0). `held`:
+    per group the number of clipped samples, and of one of them the clip, exposure, shift and part of the group.
     Returns as `fit_fast`.
     """
+    clipped, clip, e_one, s_one, part = held
     scaled = np.empty((1, 3, zs.size))
+    b = max(b, floor)
+    if clipped.any():
+        x, a = _first(zs, e, s, share, held, table, low, high, reach, x, a, b)
+    here = _misfit(zs, e, s, share, held, table, x, a, b)
     for g in range(zs.size):
         if share[g] == 0:
             zs[g], s[g] = 1.0, 1.0  # a residual of zero and no information, without a division by zero
-    b = max(b, floor)
-    here = _misfit(zs, e, s, share, table, x, a, b)
     var_x, var_a = np.inf, np.inf
     for _ in range(60):
         j = int(x + 0.5)
+        f = x - j
         for g in range(zs.size):
             for order in range(3):
                 scaled[0, order, g] = table[j, order, g] * share[g]
-        jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, _in = _sums(zs, e, s, scaled, 0, x - j, 0, zs.size, a, b)
-        held = b <= floor and gb < 0
-        dx, da, db, var_x, var_a = solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, held)
+        jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, _in = _sums(zs, e, s, scaled, 0, f, 0, zs.size, a, b)
+        for g in range(zs.size):
+            if clipped[g] > 0:
+                value = part[g] * (table[j, 0, g] + f * (table[j, 1, g] + f * table[j, 2, g]))
+                slope = part[g] * a * (table[j, 1, g] + 2 * f * table[j, 2, g])
+                mean = a * value + b * e_one[g] + s_one[g]
+                score, w = reached(mean, clip[g])
+                score, w = clipped[g] * score, clipped[g] * w
+                gx, ga, gb = gx + slope * score, ga + value * score, gb + e_one[g] * score
+                jxx, jxa, jxb = jxx + slope * slope * w, jxa + slope * value * w, jxb + slope * e_one[g] * w
+                jaa, jab, jbb = jaa + value * value * w, jab + value * e_one[g] * w, jbb + e_one[g] * e_one[g] * w
+        fixed = b <= floor and gb < 0
+        dx, da, db, var_x, var_a = solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, fixed)
         if not var_x < np.inf:
             return x, a, b, var_x, var_a, False
         scale = min(1.0, reach / max(abs(dx), 1e-300))
@@ -198,7 +236,7 @@ def fit_careful(zs, e, s, share, table, low, high, reach, floor, x, a, b):  # ty
         for _half in range(12):
             x2, a2, b2 = x + scale * dx, a + scale * da, max(b + scale * db, floor)
             if low <= x2 <= high and a2 > 0:
-                there = _misfit(zs, e, s, share, table, x2, a2, b2)
+                there = _misfit(zs, e, s, share, held, table, x2, a2, b2)
                 if there <= here + 1e-12 * abs(here):
                     x, a, b, here = x2, a2, b2, there
                     moved = True

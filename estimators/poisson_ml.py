@@ -12,6 +12,7 @@ from .design import design_of
 from .even_design import even_design_of
 from .even_fit import fit_even
 from .maximum import TILE
+from .poisson_clipped import leave_out, plausible
 from .poisson_fit import fit_careful, fit_fast, start
 from .poisson_flat import fit_flat
 from .registry import estimator
@@ -26,14 +27,18 @@ _Out = tuple[Float, Float, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]
 
 
 @kernel(error_model="numpy")
-def _usable(counts, slices, group, row, col, offset, scale, saturation, whole, z, share):  # type: ignore[no-untyped-def]
+def _usable(counts, slices, group, row, col, e, s, levels, whole, z, share, held):  # type: ignore[no-untyped-def]
     """z, share: sums of one pixel's unclipped, finite samples per group, and the part of the group that they are;
-    whole: sums with the clipped samples too, missing ones made up for, good enough for a start."""
+    whole: sums with the clipped samples too, missing ones made up for, good enough for a start; held: the clipped ones,
+    as `fit_careful` takes them. Returns how many groups have unclipped samples."""
+    offset, scale, saturation = levels
+    clipped, clip, e_one, s_one, part = held
     number = np.zeros(z.size)
     seen = np.zeros(z.size)
     whole[:] = 0.0
     z[:] = 0.0
     share[:] = 0.0
+    clipped[:] = 0.0
     for i in range(slices.size):
         g = group[i]
         v = float(counts[slices[i], row, col])
@@ -41,12 +46,22 @@ def _usable(counts, slices, group, row, col, offset, scale, saturation, whole, z
         if np.isfinite(v):
             whole[g] += (v - offset) * scale
             seen[g] += 1.0
+            if not v < saturation:
+                clipped[g] += 1.0
         if v < saturation:
             z[g] += (v - offset) * scale
             share[g] += 1.0
+    good = 0
     for g in range(z.size):
         whole[g] *= number[g] / max(seen[g], 1.0)
         share[g] /= number[g]
+        part[g] = 1 / number[g]
+        e_one[g], s_one[g] = e[g] * part[g], s[g] * part[g]
+        # Half a DN for rounding; half an electron: the least whole number of them is what P(Y >= clip) is of.
+        clip[g] = max((saturation - 0.5 - offset) * scale + s_one[g] + 0.5, 1.0)
+        if share[g] > 0:
+            good += 1
+    return good
 
 
 @kernel(error_model="numpy")
@@ -80,7 +95,8 @@ def _fit_rows(  # type: ignore[no-untyped-def]
     for g in range(groups):
         e_sum[g + 1], s_sum[g + 1] = e_sum[g] + e[g], s_sum[g] + s[g]
     z = np.empty((TILE, groups))
-    zs, share, running = np.empty(groups), np.empty(groups), np.empty(groups + 1)
+    zs, zu, share, running = np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups + 1)
+    held = (np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups))
     bad = np.zeros(TILE, np.int64)
     for row in range(rows):
         for begin in range(0, cols, TILE):
@@ -105,20 +121,25 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                             min(max(x0, low), high), a0, max(b0, floor),
                         )  # fmt: skip
                 if not done:
-                    _usable(counts, slices, group, row, col, offset, scale, saturation, y, zs, share)
-                    good = 0
-                    for g in range(groups):
-                        if share[g] > 0:
-                            good += 1
-                    x0, a0, b0 = start(y, e, s, table, first, last, candidates, box, mean, norm, running)
-                    if good < 4 or not a0 > 0:
-                        continue
-                    for g in range(groups):
-                        zs[g] += s[g] * share[g]
-                    x, a, _b, var_x, var_a, done = fit_careful(
-                        zs, e * share, s * share, share, table, low, high, 0.7 * width, floor,
-                        min(max(x0, low), high), a0, max(b0, floor),
-                    )  # fmt: skip
+                    good = _usable(counts, slices, group, row, col, e, s, levels, y, zu, share, held)
+                    clips = held[0].any()
+                    for turn in range(2):
+                        x0, a0, b0 = start(y, e, s, table, first, last, candidates, box, mean, norm, running)
+                        if good < 4 or not a0 > 0:
+                            break
+                        for g in range(groups):
+                            zs[g] = zu[g] + s[g] * share[g]
+                        x, a, b, var_x, var_a, done = fit_careful(
+                            zs, e * share, s * share, share, held, table, low, high, 0.7 * width, floor,
+                            min(max(x0, low), high), a0, max(b0, floor),
+                        )  # fmt: skip
+                        if not clips:
+                            break
+                        done = done and plausible(zs, e * share, s * share, share, held, table, x, a, b)
+                        if done or turn == 1:
+                            break
+                        # A stray one: what is left may tell the range without it.
+                        leave_out(y, share, held[0])
                 if done and a > snr * np.sqrt(var_a) and var_x < width * width and low < x < high:
                     tau[row, col] = units[0] + units[1] * x
                     sigma[row, col] = units[1] * np.sqrt(var_x)
@@ -130,27 +151,32 @@ def _fit_flat_rows(  # type: ignore[no-untyped-def]
     counts, slices, group, e, s, levels, table, first, last, bounds, candidates, box, mean, norm, snr, units, tau, sigma, ok
 ):  # fmt: skip
     """As `_fit_rows`, for responses with corners: the middle of the likelihood's top, of every pixel."""
-    offset, scale, saturation = levels
     low, high, width, floor = bounds
     groups = e.size
-    whole, z, share, running = np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups + 1)
+    whole, z, zs = np.empty(groups), np.empty(groups), np.empty(groups)
+    share, running = np.empty(groups), np.empty(groups + 1)
+    held = (np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups))
     for row in range(counts.shape[1]):
         for col in range(counts.shape[2]):
             tau[row, col], sigma[row, col], ok[row, col] = np.nan, np.nan, False
-            _usable(counts, slices, group, row, col, offset, scale, saturation, whole, z, share)
-            good = 0
-            for g in range(groups):
-                if share[g] > 0:
-                    good += 1
-            x0, a0, b0 = start(whole, e, s, table, first, last, candidates, box, mean, norm, running)
-            if good < 4 or not a0 > 0:
-                continue
-            for g in range(groups):
-                z[g] += s[g] * share[g]
-            x, a, var_x, var_a, found = fit_flat(
-                z, e * share, s * share, share, table, low, high, width, floor, min(max(x0, low), high), a0,
-                max(b0, floor),
-            )  # fmt: skip
+            good = _usable(counts, slices, group, row, col, e, s, levels, whole, z, share, held)
+            clips, found = held[0].any(), False
+            for turn in range(2):
+                x0, a0, b0 = start(whole, e, s, table, first, last, candidates, box, mean, norm, running)
+                if good < 4 or not a0 > 0:
+                    break
+                for g in range(groups):
+                    zs[g] = z[g] + s[g] * share[g]
+                x, a, b, var_x, var_a, found = fit_flat(
+                    zs, e * share, s * share, share, held, table, low, high, width, floor, min(max(x0, low), high), a0,
+                    max(b0, floor),
+                )  # fmt: skip
+                if not clips:
+                    break
+                found = found and plausible(zs, e * share, s * share, share, held, table, x, a, b)
+                if found or turn == 1:
+                    break
+                leave_out(whole, share, held[0])
             if found and a > snr * np.sqrt(var_a) and var_x < width * width and low < x < high:
                 tau[row, col] = units[0] + units[1] * x
                 sigma[row, col] = units[1] * np.sqrt(var_x)
@@ -166,9 +192,11 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
 
     With y = (counts − offset)/gain in photoelectrons, read noise σ_r (and the ADC's 1/12 DN²) enters by the shifted
     Poisson approximation y + σ_r² ~ Poisson(μ + σ_r²), which matches mean and variance; an intensifier's excess noise
-    F² by scaling, y/F² ~ Poisson(μ/F²), which matches them too. Clipped and NaN samples are left out; laser-off slices
-    give background. B is bounded by −σ_r²/2. Start: matched filter on a grid of ¾ σ_R, background projected out; then
-    Fisher scoring; pixels that do not settle in some ten steps are done again with step halving on the likelihood.
+    F² by scaling, y/F² ~ Poisson(μ/F²), which matches them too. Of clipped samples the likelihood holds that they
+    reached the clip (`poisson_clipped`), NaN ones are left out; laser-off slices give background. B is bounded by
+    −σ_r²/2. Start: matched filter on a grid of ¾ σ_R, background projected out; then Fisher scoring; pixels with clipped
+    samples, or that do not settle in some ten steps, are done with step halving on the likelihood, and are invalid where
+    light and clips contradict each other (one bright slice among dark ones) and the rest tells no range either.
     Stacks of even delays go through tiles of pixels in single precision (`even_fit`), others one pixel at a time. Where R
     has corners (rectangular pulse and gate) the likelihood's top may be flat: its middle is taken (`poisson_flat`).
     Other arguments: min_snr: least A in its standard errors, below which no echo is claimed.

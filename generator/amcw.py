@@ -54,6 +54,7 @@ def generate_amcw(
     truth: dict[str, Any] = {
         "truth_range": beam.axis_range,
         "truth_amplitude": 0.5 * beam.amplitude.sum(axis=1) * rig.laser.power_w * rig.modulation.integration_s,
+        "truth_background": np.full(shots, background) if ramp is None else veil + background,
     }
     if truth_electrons:
         truth["truth_electrons"] = expected

@@ -60,8 +60,8 @@ class CookTorranceLaw:
         cos_h, tan2, cos_d = self._half(wi, wo)
         ci, co = wi.z, wo.z
         fresnel = self.f0 + (1.0 - self.f0) * (1.0 - dr.minimum(cos_d, 1.0)) ** 5
-        shade = ci * co + co * self._masking(ci) + ci * self._masking(co)
-        facets = 0.25 * fresnel * facet_density(cos_h, tan2, self.alpha, self.ggx) / dr.maximum(shade, 1e-20)
+        masked = ci * co + co * self._masking(ci) + ci * self._masking(co)
+        facets = 0.25 * fresnel * facet_density(cos_h, tan2, self.alpha, self.ggx) / dr.maximum(masked, 1e-20)
         return (self.diffuse * shade / dr.pi + facets) * co
 
     def sample(self, wi: Any, choice: Any, point: Any) -> Any:

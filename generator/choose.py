@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from ..scenes.errors import InputError
 from ..scenes.scene import Scene, gated_rig
 from .choose_error import relative_noise, stack_error
@@ -77,6 +79,9 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
 
         return choose_ranger(scene, rtol)
     size, basis = interreflection(scene)
+    finite, how = _finite(scene)
+    if scene.medium.scattering_per_m == 0 and size == 0.0 and finite > 0.0:
+        return _by_size(scene, rtol, finite, how)
     if scene.medium.scattering_per_m == 0 and size == 0.0:
         if isinstance(rtol, float):
             return _chosen("direct", {"direct": 0.0}, rtol, rtol, basis, {"interreflection": 0.0}, {})
@@ -86,7 +91,7 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
         return _chosen(
             "direct", {"direct": 0.0}, limit, _NOISE_SHARE * limit, basis, {"interreflection": 0.0}, {"direct": 0.0}
         )
-    pilot = Pilot(scene, seed, capture_key)
+    pilot = Pilot(scene, seed, capture_key, finite)
     traced, limit = _enough(pilot, rtol)
     noise = rtol == "noise"
     sampled = max(_NOISE_SHARE * limit, 5e-4) if noise else limit
@@ -101,7 +106,31 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
     _only_direct(scene, rung, predicted, limit)
     sizes = _sizes(pilot, traced, size, 0.3 * limit)
     used = f"pilot of {pilot.shape[0]}×{pilot.shape[1]} pixels, {traced.paths} paths each"
+    used += f"; {how}" if finite else ""
     return _chosen(rung, predicted, limit, sampled, used, sizes, traced.task if noise else {})
+
+
+def _finite(scene: Scene) -> tuple[float, str]:
+    """What finite lens and lamp change of the direct light at full resolution, and how that was found."""
+    from .direct import render_direct
+    from .finite_size import finite_size, is_finite
+
+    return finite_size(scene, render_direct(scene, 1e-2)) if is_finite(scene) else (0.0, "")
+
+
+def _by_size(scene: Scene, rtol: Rtol, finite: float, how: str) -> Choice:
+    """The choice where finite lens and lamp are all that one bounce leaves out."""
+    small = pilot_scene(scene)
+    light = cheap_stacks(small)["direct"].astype(float)
+    area = gated_rig(small).camera.pixel_pitch_m / gated_rig(scene).camera.pixel_pitch_m
+    limit = relative_noise(scene, light / area**2) if rtol == "noise" else float(rtol)
+    task = {"direct": finite / limit * float(np.sqrt(len(light))), "full": 0.0} if rtol == "noise" else {}
+    passes = finite <= _MARGIN * limit and task.get("direct", 0.0) <= _TASK_MARGIN * _TASK_LIMIT
+    rung = "direct" if passes else "full"
+    sampled = max(_NOISE_SHARE * limit, 5e-4) if rtol == "noise" else limit
+    predicted = {"direct": finite, "full": RUNG_SHARE["full"] * sampled}
+    _only_direct(scene, rung, predicted, limit)
+    return _chosen(rung, predicted, limit, sampled, how, {"interreflection": 0.0}, task)
 
 
 def _enough(pilot: Pilot, rtol: Rtol) -> tuple[Traced, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -78,14 +78,19 @@ class Traced:
     task: dict[str, float]
 
 
+def _with(finite: float, error: float, low: float, high: float) -> tuple[float, float, float]:
+    """An error and its interval, and what finite lens and lamp change: another light, added in quadrature."""
+    return math.hypot(error, finite), math.hypot(low, finite), math.hypot(high, finite)
+
+
 class Pilot:
-    """The pilot of a scene.
+    """The pilot of a scene, of which lens and lamp are points; `finite`: relative change of the stack by their size.
 
     Raises:
         InputError: as the full rung does; a medium that scatters needs a phase function.
     """
 
-    def __init__(self, scene: Scene, seed: int, key: int) -> None:
+    def __init__(self, scene: Scene, seed: int, key: int, finite: float = 0.0) -> None:
         from .generate import slice_coordinates, slice_settings
 
         self.scene, self.small = scene, pilot_scene(scene)
@@ -95,7 +100,9 @@ class Pilot:
         self.slices = Slices(delay, energy, coords["gate"], gate_offset(self.small))
         self.coords = coords
         self.stacks = cheap_stacks(self.small, key)
-        self.world = PathWorld.of(self.small)
+        # Blurs of some pixels do not show on the pilot's wide ones: lens and lamp are points here, and their size is added.
+        self.world = replace(PathWorld.of(self.small), focus_distance=None, source_radius=0.0)
+        self.finite = finite
         area = gated_rig(self.small).camera.pixel_pitch_m / gated_rig(scene).camera.pixel_pitch_m
         self._per_pixel = 1.0 / area**2
 
@@ -142,12 +149,16 @@ class Pilot:
             task = {name: task_error(stack * scale, both, slope, variance) for name, stack in self.stacks.items()}
         # Two independent runs: their errors' root mean square, as a run of all paths that the rung may use would have it.
         epsilon = math.sqrt(sum(t.epsilon**2 * t.samples for t in pair) / len(pair))
+        errors = {name: replicate_error(stack, ones, twos) for name, stack in self.stacks.items()}
+        noise = relative_noise(self.scene, mean)
+        # At worst all of the change looks like a later echo: the sum over slices of (change/noise)².
+        worst = self.finite / noise * math.sqrt(len(mean))
         return Traced(
-            {name: replicate_error(stack, ones, twos) for name, stack in self.stacks.items()},
+            {name: _with(self.finite, *error) for name, error in errors.items()},
             epsilon / math.sqrt(Limits().most_samples),
             sum(t.samples for t in pair),
-            relative_noise(self.scene, mean),
-            task,
+            noise,
+            {name: math.hypot(error, worst) for name, error in task.items()},
         )
 
     def _ambient(self) -> Float:

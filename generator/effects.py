@@ -13,6 +13,7 @@ from ..scenes.scene import Scene, gated_rig
 from ..scenes.shapes import Rectangle, Sphere
 from .direct import DirectScene
 from .echo import albedo_at_normal
+from .finite_size import finite_size
 from .returns import depth_of_pixels
 
 __all__ = ["catalogue", "interreflection"]
@@ -37,7 +38,7 @@ def catalogue(scene: Scene, direct: DirectScene, rung: str = "direct") -> list[d
         effect("group index", True, None, "all times at c/n_g"),
         *(effect(*line) for line in _scattering(scene, direct, typical, rung)),
         effect("interreflection", rung == "full", *interreflection(scene)),
-        effect("finite source and aperture", False, None, "point source and pinhole"),
+        effect("finite source and aperture", rung == "full", *finite_size(scene, direct)),
         effect("lens point spread", False, None, "pinhole"),
         effect("pulse energy fluctuation", bool(laser.energy_fluctuation), laser.energy_fluctuation, "rms per slice"),
         effect("jitter of single shots", bool(laser.jitter_shot_s), None, "broadens R"),

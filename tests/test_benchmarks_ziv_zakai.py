@@ -19,6 +19,7 @@ from beambench.benchmarks.bounds.check import gaussian_stack, rectangular_stack
 from beambench.benchmarks.bounds.dispatch import bound_of, cramer_rao_bound
 from beambench.benchmarks.bounds.gated import gated_bound
 from beambench.benchmarks.bounds.regular import is_regular, threshold_bound, threshold_table
+from beambench.benchmarks.bounds.scan import elements_of
 from beambench.benchmarks.bounds.written import drawn_counts, written_capture
 from beambench.benchmarks.bounds.ziv_zakai import Arc, distances, local_bound, poisson_error, ziv_zakai
 from beambench.optics.fisher import information_table, tau_bound
@@ -256,8 +257,9 @@ def test_pixels_are_marked_before_anything_is_estimated() -> None:
     bayes = bound_of(data)
     assert bayes.kind == "bayes"
     np.testing.assert_array_equal(bayes.sigma[regular], crb.sigma[regular])
-    # Without light there is the prior, and no more than it; with some there is more.
-    assert bayes.sigma[0, 0] == pytest.approx(crb.prior_m, rel=0.05)
+    # Without light the best guess is the window's middle, W/√12 off in the mean over places, and less at this one: the
+    # Ziv-Zakai value there, W/4 in the middle and more beside it, is the floor.
+    assert np.sqrt(12.0) / 4.0 * 0.98 * crb.prior_m < bayes.sigma[0, 0] <= crb.prior_m
     assert bayes.sigma[0, 7] == crb.prior_m
     assert bayes.sigma[0, 3] < bayes.sigma[0, 2] < bayes.sigma[0, 1] * 1.01
     assert np.all(bayes.sigma[0, :4] >= bound.sigma[0, :4])
@@ -359,7 +361,6 @@ def test_rectangular_responses_cross_the_cramer_rao_bound_without_being_regular(
 
 
 def test_nodes_do_not_depend_on_what_was_looked_up_before() -> None:
-    from beambench.benchmarks.bounds.scan import elements_of
     from beambench.benchmarks.bounds.threshold import ThresholdTable, table_of
 
     data = _capture(np.geomspace(0.3, 30.0, 64).reshape(8, 8), 1.0)

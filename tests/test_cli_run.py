@@ -104,3 +104,24 @@ def test_estimators_can_be_chosen(suite: Path, tmp_path: Path, capsys: pytest.Ca
     assert told["report"] is None and told["closing"][0].startswith("best     peak")
     assert cli.main(["run", str(suite), "-e", "peek", "-o", str(tmp_path / "two")]) == 2
     assert "peak" in capsys.readouterr().err and not (tmp_path / "two").exists()
+
+
+def test_light_is_kept_apart_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`generate --truth-components` stores the four stacks, and repeating the store by its own records finds equal bits."""
+    if importlib.util.find_spec("mitsuba") is None:
+        pytest.skip("Mitsuba is not installed")
+    from beambench.captures.store import open_captures
+
+    out = tmp_path / "corner.zarr"
+    small = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4", "--set", "rig.delays.count=4"]
+    asked = ["generate", "flat-wall", *small, "--truth-components", "--rtol", "0.1", "-o"]
+    assert cli.main([*asked, str(out), "--fidelity", "full"]) == 0
+    capture = open_captures(out)[0]
+    for name in ("direct", "interreflection", "single", "multiple"):
+        assert capture[f"truth_{name}"].dims == ("slice", "row", "col"), name
+    assert json.loads(capture.attrs["provenance"])["arguments"]["truth_components"] is True
+    capsys.readouterr()
+    assert cli.main(["generate", "--like", str(out)]) == 0
+    # Other rungs do not keep it apart, and say which one does.
+    assert cli.main([*asked, str(tmp_path / "other.zarr")]) == 2
+    assert 'fidelity="full"' in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Cramer-Rao bound of the range of every shot of an AMCW capture, mean and modulation profiled.
 
-Sample (f, k) has the mean μ = M + D cos(ω_f τ − φ_k), D = A m d/2, M = A + ambient + dark. With J the exact information
+Sample (f, k) has the mean μ = M + D cos(ω_f τ − φ_k) + v, D = A m d/2, M = A + ambient + dark, v what the water scatters
+back (known, as it does not depend on the target: it adds noise only). With J the exact information
 of a sample (Poisson ⊗ Gaussian ⊗ ADC) and gradients (−D ω sin · 2n_g/c, 1, cos): σ² = (F⁻¹)₀₀. The bound is local: it
 knows the whole number of cycles, which an estimator must find.
 """
@@ -47,7 +48,11 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     if "truth_amplitude" not in capture:
         return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
-    background = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * rig.modulation.integration_s
+    if "truth_background" in capture:
+        background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
+    else:  # older captures, which hold no light that the water scattered
+        level = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * rig.modulation.integration_s
+        background = np.full((1, 1), level)
     depth = 0.5 * rig.laser.modulation_depth * detector.demodulation_contrast * amplitude
     omega = 2.0 * np.pi * np.repeat(frequency, rig.modulation.phase_steps)
     phase = np.tile(2.0 * np.pi * np.arange(rig.modulation.phase_steps) / rig.modulation.phase_steps, frequency.size)

@@ -50,7 +50,7 @@ def threshold_bound(
         bound: the Cramér-Rao bound of the capture. table: as for `is_regular`.
     Other arguments:
         form: "ziv-zakai", ε(θ)·c/2n_g: milliseconds, and up to half too low in the threshold region of a wide window; or
-        "bayes", √E[var(θ|y)] of stacks from about there, uniform prior (`bayes.posterior_variance`): attained.
+        "bayes", the rms error of the posterior mean on stacks from about there, uniform prior (`bayes.posterior_square`).
     The kind becomes `form` where any unmixed element with a truth is irregular: a mean over regular and irregular ones
     asserts no more than its weakest part. Neither form exceeds the prior's error. Both bound the mean square over delays
     of the window, not a single element: a scene that sits where the window is best may do better. An echo outside the

@@ -1,6 +1,6 @@
 """The threshold of a rig, tabulated: over delay, amplitude and background, how far a bound is from the Cramér-Rao bound.
 
-Nodes lie on fixed multiples of .25 in ln α and .7 in ln β, so that a value does not depend on what else was looked up,
+Nodes lie on fixed multiples of .25 in ln α and .35 in ln β, so that a value does not depend on what else was looked up,
 and are filled when first needed; the tables of the last rigs are kept, so that the levels of a suite share them. A node
 costs some milliseconds (Ziv-Zakai), or some tenths of a second where the Bayesian bound is simulated, which is done
 only next to elements that are not regular.
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from .bayes import posterior_variance
+from .bayes import posterior_square
 from .scan import Scan, scan_of
 from .ziv_zakai import REACHED, REGULAR, Arc, curvature, local_bound
 
@@ -28,12 +28,13 @@ Int = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 _AMPLITUDE_STEP = 0.25  # of ln α: the threshold is some 1.5 wide
-_BACKGROUND_STEP = 0.7
+_BACKGROUND_STEP = 0.35
 _DARK = -(10**6)  # the node without any background
 _FAINTEST = 1e-2  # photoelectrons over all samples: as good as none
 _BAYES_PER_WIDTH = 16.0  # and at least three delays to a Cramér-Rao bound: the grid must resolve the posterior …
 _BAYES_DELAYS = 20_000  # … up to this many
 _BAYES_CELLS = 8_000_000
+_LEAST = 1e-3  # excess of the mean square error that simulation does not tell from none
 _KEPT = 8
 _kept: OrderedDict[str, ThresholdTable] = OrderedDict()
 
@@ -59,7 +60,7 @@ class ThresholdTable:
         self._r, self._slope, self._bend = scan.shapes(self.delay_s)
         self._arc = Arc() if scan.noise is None else Arc(_table(scan))
         self._nodes: dict[tuple[int, int], _Node] = {}
-        self._gains: dict[tuple[int, int], tuple[Float, Float]] = {}
+        self._excess: dict[tuple[int, int], tuple[Float, Float]] = {}
         light = max(float(self._r.sum(axis=1).max()), 1e-300)
         self._lowest = math.floor(math.log(_FAINTEST / light) / _AMPLITUDE_STEP)
 
@@ -78,9 +79,10 @@ class ThresholdTable:
         return np.exp(self._look("log_epsilon_s", delay_s, amplitude, background))
 
     def bayes_s(self, delay_s: npt.ArrayLike, amplitude: npt.ArrayLike, background: npt.ArrayLike) -> Float:
-        """√E[var(θ|y)] of stacks whose true delay is near, s: its mean square over delays is the least mean square error.
-        It is ε(θ), raised to that by the factor of a few parts of the window, finer at its ends."""
-        return self.epsilon_s(delay_s, amplitude, background) * self._look("gain", delay_s, amplitude, background)
+        """√E[(E[θ|y] − θ)²] of stacks whose true delay θ is near, s: its mean square over delays is the least mean square error.
+        It is ε(θ), raised to that by what wrong cells add in a few parts of the window, finer at its ends."""
+        wrong = np.exp(self._look("log_wrong", delay_s, amplitude, background))
+        return self.epsilon_s(delay_s, amplitude, background) * np.sqrt(1.0 + wrong)
 
     def _look(self, field: str, delay_s: npt.ArrayLike, amplitude: npt.ArrayLike, background: npt.ArrayLike) -> Float:
         delay, a, b = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (delay_s, amplitude, background)))
@@ -106,8 +108,9 @@ class ThresholdTable:
         return out.reshape(delay.shape)
 
     def _value(self, field: str, ia: int, ib: int, theta: Float) -> Float:
-        if field == "gain":
-            return np.asarray(np.interp(theta, *self._gain(ia, ib)), np.float64)
+        if field == "log_wrong":
+            # ln of the excess falls with the light a little faster than straight lines do: between nodes a bound stays one.
+            return np.asarray(np.interp(theta, *self._wrong(ia, ib)), np.float64)
         return np.asarray(np.interp(theta, self.delay_s, getattr(self._node(ia, ib), field)), np.float64)
 
     def _means(self, ia: int, ib: int, r: Float) -> Float:
@@ -134,9 +137,9 @@ class ThresholdTable:
             )
         return self._nodes[ia, ib]
 
-    def _gain(self, ia: int, ib: int) -> tuple[Float, Float]:
-        """Middles of parts of the window [s], and there √(mean E[var(θ|y)]/mean ε²), at least 1."""
-        if (ia, ib) not in self._gains:
+    def _wrong(self, ia: int, ib: int) -> tuple[Float, Float]:
+        """Middles of parts of the window [s], and there ln(mean (E[θ|y] − θ)²/mean ε² − 1), at least ln 10⁻³."""
+        if (ia, ib) not in self._excess:
             node = self._node(ia, ib)
             per_width = max(_BAYES_PER_WIDTH, 3.0 * self.scan.width_s / max(node.crb_s, 1e-300))
             low, high = self.scan.searched_s
@@ -144,15 +147,15 @@ class ThresholdTable:
             theta = self.scan.grid(per_width)
             mean = self.scan.poisson_mean(self._means(ia, ib, self.scan.shapes(theta)[0]))
             edges = _parts(theta.size, (theta.size - 1) * self.scan.width_s / (high - low))
-            each = int(min(max(_BAYES_CELLS / theta.size / (edges.size - 1), 40), 200))
+            each = int(min(max(_BAYES_CELLS / theta.size / (edges.size - 1), 40), 240))
             truth = np.concatenate([a + (np.arange(each) * (b - a)) // each for a, b in pairwise(edges)])
-            spread = posterior_variance(mean, float(theta[1] - theta[0]), truth).reshape(-1, each).mean(axis=1)
+            spread = posterior_square(mean, float(theta[1] - theta[0]), truth).reshape(-1, each).mean(axis=1)
             local = (
                 np.exp(2.0 * np.interp(theta[truth], self.delay_s, node.log_epsilon_s)).reshape(-1, each).mean(axis=1)
             )
             middle = theta[truth].reshape(-1, each).mean(axis=1)
-            self._gains[ia, ib] = middle, np.sqrt(np.maximum(spread / np.maximum(local, 1e-300), 1.0))
-        return self._gains[ia, ib]
+            self._excess[ia, ib] = middle, np.log(np.maximum(spread / np.maximum(local, 1e-300) - 1.0, _LEAST))
+        return self._excess[ia, ib]
 
 
 def _parts(points: int, width: float) -> Int:

@@ -184,19 +184,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Command line of the comparison."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer samples: a smoke test, not a measurement")
+    parser.add_argument("--waters", nargs="+", default=list(WATERS), choices=list(WATERS))
+    parser.add_argument("--sizes", nargs="+", type=int, default=None, help="pixels along a side, for `scatter` (16 64)")
+    parser.add_argument("--only", choices=("peer", "scatter"), default=None)
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args(argv)
     counts, peer_counts, seeds = [256, 1024, 4096, 16384], [256, 1024, 4096, 16384], 5
     if options.quick:
         counts, peer_counts, seeds = [256, 1024], [256, 1024], 2
+    sizes = options.sizes or ([16] if options.quick else [16, 64])
     result: dict[str, Any] = {"peer": [], "scatter": []}
-    for name in WATERS:
-        result["peer"].append(compare_with_peer(name, counts, peer_counts, seeds))
-        for size in (16,) if options.quick else (16, 64):
-            result["scatter"].append(
-                compare_with_scatter(name, counts[:3] if size == 16 else [64, 256, 1024], seeds, size)
-            )
-        print(json.dumps({k: v[-1] for k, v in result.items()}, indent=1), flush=True)
+    for name in options.waters:
+        if options.only != "scatter":
+            result["peer"].append(compare_with_peer(name, counts, peer_counts, seeds))
+            print(json.dumps(result["peer"][-1], indent=1), flush=True)
+        for size in sizes if options.only != "peer" else ():
+            # A large image takes fewer paths a pixel and fewer seeds: it has more pixels to average over.
+            few = counts[:3] if size <= 16 else [64, 256, 1024] if size <= 64 else [192, 768, 3072]
+            found = compare_with_scatter(name, few, seeds if size <= 64 else 2, size)
+            result["scatter"].append(found)
+            print(json.dumps(found, indent=1), flush=True)
     if options.out is not None:
         options.out.write_text(json.dumps(result, indent=1), encoding="utf-8")
     return 0
