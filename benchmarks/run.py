@@ -109,7 +109,8 @@ def run_suite(
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
         "overrides": dict(overrides or {}), "command": command or [], "started": began, "finished": now(),
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
-        "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(), "warnings": run.warnings, "failures": run.failures,
+        "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
+        "warnings": run.warnings, "failures": run.failures,
         "skipped": skips_of(rows), "answers_from_cache": run.cache.hits if run.cache is not None else 0,
     }  # fmt: skip
     write_json(folder / "run.json", record)

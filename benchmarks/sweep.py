@@ -104,8 +104,9 @@ def sweep_suite(
         "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash, "split": split,
         "seeds": list(getattr(spec.seeds, split)), "captures": captures, "conditions": list(spec.conditions),
         "estimators": list(spec.estimators), "overrides": dict(overrides or {}), "command": list(command),
-        "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3), "tables_version": TABLES_VERSION, "machine": machine(),
-        "versions": versions(), "failures": sweep.failures, "skipped": skips_of(sweep.scores), "budget": budget,
+        "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3),
+        "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
+        "failures": sweep.failures, "skipped": skips_of(sweep.scores), "budget": budget,
         "depth": depth,
     }  # fmt: skip
     write_json(folder / "run.json", record)

@@ -140,7 +140,15 @@ def test_it_reaches_the_capture() -> None:
         ({"filter": None}, "Field required"),
         ({"water": {"source": "williamson2022", "type": "II", "down_m": 1.0, "view_m": 0.0}}, "daylight fades"),
         ({"water": {"source": "pure", "type": "salt", "down_m": 1.0, "view_m": 0.0}}, "fresh"),
-        ({"illuminant": None, "temperature_k": 3000.0, "filter": "none", "water": {"source": "pure", "type": "sea", "down_m": 1.0, "view_m": 0.0}}, "no value for"),
+        (
+            {
+                "illuminant": None,
+                "temperature_k": 3000.0,
+                "filter": "none",
+                "water": {"source": "pure", "type": "sea", "down_m": 1.0, "view_m": 0.0},
+            },
+            "no value for",
+        ),
         ({"spectrum": {"wavelength_m": [5e-7, 4e-7], "value": [1.0, 1.0]}, "illuminant": None}, "ascend"),
     ],
 )  # fmt: skip

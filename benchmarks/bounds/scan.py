@@ -209,13 +209,17 @@ def _amcw(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
         full_well_e=detector.full_well_e,
     )
     truth = np.asarray(capture["truth_range"].values, np.float64)
-    background = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * modulation.integration_s
+    if "truth_background" in capture:
+        background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
+    else:  # older captures, which hold no light that the water scattered
+        dark = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * modulation.integration_s
+        background = np.full((truth.size, 1), dark)
+    share, level = _levels(np.broadcast_to(background, (truth.size, omega.size)).T)
     window = (rig.range_window_m[0] / half, rig.range_window_m[1] / half)
     width = 1.0 / (float(frequency.max()) * math.sqrt(12.0))
     echo = truth / half
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)
-    level = np.full(truth.shape, background)
-    return _scan(shapes, np.ones(omega.size), window, width, noise, echo), Elements(echo, amplitude, level, half)
+    return _scan(shapes, share, window, width, noise, echo), Elements(echo, amplitude, level, half)
 
 
 _OF = {"gated": _gated, "waveform": _waveform, "amcw": _amcw}
