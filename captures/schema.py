@@ -152,6 +152,11 @@ _GATED = (
         required=False, channel=True, also=(("slice",), ("row", "col")),
     ),
     _truth(
+        "truth_halo", "row col", _REAL, "electron",
+        "target light scattered into the pixel, beside truth_amplitude, at an open gate; part of truth_background",
+        required=False,
+    ),
+    _truth(
         "truth_standard_error", "row col", _REAL, "electron", "standard error of the path-traced light, at an open gate",
         required=False,
     ),

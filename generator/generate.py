@@ -21,7 +21,7 @@ from .direct import DirectScene, gate_tables, render_direct
 from .effects import catalogue
 from .random import Stage, generator
 from .returns import render_stack
-from .scatter import render_scatter, scattered_electrons
+from .scatter import forward_electrons, halo_electrons, render_scatter, scattered_electrons
 from .trace import Tracer
 
 if TYPE_CHECKING:
@@ -162,6 +162,11 @@ def generate(
             )
     counts = detect(light, rig.detector, fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols), seed, key)
     truth = dict(direct.truth) | more_truth
+    if scatter is not None and scatter.phase is not None:
+        truth["truth_halo"] = halo_electrons(scatter)
+    elif fidelity == "full" and scene.medium.scattering_per_m > 0:
+        own = np.asarray(direct.truth["truth_amplitude"], np.float64)
+        truth["truth_halo"] = forward_electrons(scene, own, max(rtol, 0.02), tracer)
     dark = rig.detector.dark_current_e_per_s * rig.detector.exposure_s
     truth["truth_background"] = background + background.dtype.type(dark if rig.detector.intensifier is None else 0.0)
     if truth_electrons:

@@ -18,7 +18,8 @@ large angles, light between surfaces, and shadows in the halo.
 
 Truth. `truth_amplitude` counts the return that carries the pixel's own range: light that reached the surface directly or
 scattered, came back unscattered or scattered into the same pixel. Halo from other pixels and the ramp are part of
-`truth_background` (slice, row, col): their times tell of other ranges.
+`truth_background` (slice, row, col): their times tell of other ranges. `truth_halo` (row, col) is the halo's light at an open
+gate: it moves with the target as a whole, and so tells of range to estimators that do (docs/decisions/0017).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from .scatter_image import ImageHalo, image_halo
 from .scatter_ramp import backscatter_electrons, beam_edge, beam_profile
 from .trace import Tracer, pixel_directions
 
-__all__ = ["ScatterScene", "phase_of", "render_scatter", "scattered_electrons"]
+__all__ = ["ScatterScene", "forward_electrons", "halo_electrons", "phase_of", "render_scatter", "scattered_electrons"]
 
 Float = NDArray[np.float64]
 
@@ -203,3 +204,26 @@ def scattered_electrons(
             for k, image in zip(part, stack.reshape(-1, *shape), strict=True):
                 total[k] += halo.spread(image, scatter.weight) * scatter.field
     return total
+
+
+def halo_electrons(scatter: ScatterScene) -> Float:
+    """Photoelectrons (row, col) at an open gate of the halo that other pixels' light brings to each pixel."""
+    amplitude = np.asarray(scatter.direct.truth["truth_amplitude"], np.float64)
+    halo, wide = scatter.halo, scatter.wide
+    if halo is None or wide is None or scatter.weight is None or scatter.field is None:
+        return np.zeros(amplitude.shape)
+    running = np.concatenate([[0.0], np.cumsum(wide.amplitude)])
+    image = (running[wide.start[1:]] - running[wide.start[:-1]]).astype(np.float32)
+    rows, cols = amplitude.shape
+    image = image.reshape(rows + 2 * halo.margin, cols + 2 * halo.margin)
+    return np.asarray(halo.spread(image, scatter.weight) * scatter.field, np.float64)
+
+
+def forward_electrons(scene: Scene, own: Float, rtol: float, tracer: Tracer | None = None) -> Float:
+    """Photoelectrons (row, col) at an open gate of target light that was scattered forward, beside the unscattered `own`.
+
+    The small-angle picture's, for the truth of rungs that trace such light without telling it from the rest.
+    """
+    scatter = render_scatter(scene, rtol, tracer)
+    total = np.asarray(scatter.direct.truth["truth_amplitude"], np.float64) + halo_electrons(scatter)
+    return np.maximum(total - own, 0.0)

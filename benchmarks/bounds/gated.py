@@ -6,6 +6,10 @@ its mean (Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC, `optics.fisher`) and gradients
 
     F = Σ_k J(μ_k) a_k a_kᵀ,        σ² = (F⁻¹)₀₀ = 1/(F₀₀ − F₀₁ F₁₁⁻¹ F₁₀).
 
+In water α' = α + h stands in the gradient: the halo h, light of the target around, is no share of the pixel's own range, but
+moves with the target as a whole, and so do the answers of all estimators that obey the law of shift. With α alone the bound
+holds for those only that know the halo, and none does. The halo is left out of β and taken at the pixel's range.
+
 The pixel's amplitude and background are unknown to an estimator and so cost information. R comes from the closed forms
 of `optics.correlation` for the scene as it truly is, and α, b, r from the capture's truth.
 """
@@ -29,6 +33,7 @@ from ..score import Bound
 from .instrument import (
     gate_offsets,
     gated_responses,
+    halo_of,
     noise_model,
     path_delay,
     response_std_s,
@@ -103,7 +108,7 @@ def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correl
     usable = np.asarray(capture["valid"].values, bool)
     lit = np.asarray(capture["laser_on"].values, bool)
     result = range_sigma(
-        truth, np.ascontiguousarray(amplitude), background, largest, time, time_slope,
+        truth, np.ascontiguousarray(amplitude), np.ascontiguousarray(halo_of(capture)), background, largest, time, time_slope,
         np.ascontiguousarray(gate_offsets(rig, shape)), true_delay(capture, rig),
         np.asarray(capture["gate"].values, np.int64), lit, usable,
         np.array([table.start_s for table in tables]), np.array([table.inv_step for table in tables]), value, slope,

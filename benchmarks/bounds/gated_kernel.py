@@ -15,15 +15,15 @@ __all__ = ["range_sigma"]
 
 @kernel
 def range_sigma(
-    truth: Any, amplitude: Any, background: Any, largest: float, time: Any, time_slope: Any, offset: Any, delay: Any,
+    truth: Any, amplitude: Any, halo: Any, background: Any, largest: float, time: Any, time_slope: Any, offset: Any, delay: Any,
     gate: Any, lit: Any, usable: Any, start: Any, inv_step: Any, value: Any, slope: Any, log_mu0: float,
     log_inv_step: float, log_information: Any,
 ) -> Any:  # fmt: skip
     """σ of the range, m, (row, col): infinite without information, NaN where `truth` is.
 
-    `time`: n_g ℓ/c [s]; `time_slope`: its derivative by the range [s/m]; `background` (slice, row, col) [electron],
-    with `largest` its maximum; `value`, `slope` (gate, node): tables of R; `log_information`: ln J on an even grid
-    of ln μ.
+    `halo` (row, col): target light that is part of `background` and moves with the target; `time`: n_g ℓ/c [s];
+    `time_slope`: its derivative by the range [s/m]; `background` (slice, row, col) [electron], with `largest` its maximum;
+    `value`, `slope` (gate, node): tables of R; `log_information`: ln J on an even grid of ln μ.
     """
     rows, cols = truth.shape
     slices = delay.size
@@ -38,15 +38,21 @@ def range_sigma(
             for k in range(slices):
                 if not usable[k]:
                     continue
-                shape = background[k, i, j] / largest if largest > 0.0 else 1.0
                 mu = background[k, i, j]
+                still = mu
                 r, dr = 0.0, 0.0
                 if lit[k]:
                     g = gate[k]
                     u = time[i, j] - delay[k] - offset[i, j]
                     r = max(hermite_value(start[g], inv_step[g], value[g], slope[g], u), 0.0)
-                    dr = alpha * time_slope[i, j] * hermite_slope(start[g], inv_step[g], value[g], slope[g], u)
+                    still = max(mu - halo[i, j] * r, 0.0)
+                    dr = (
+                        (alpha + halo[i, j])
+                        * time_slope[i, j]
+                        * hermite_slope(start[g], inv_step[g], value[g], slope[g], u)
+                    )
                     mu += alpha * r
+                shape = still / largest if largest > 0.0 else 1.0
                 if mu <= 0.0 and r <= 0.0:
                     continue
                 x = (math.log(max(mu, 1e-300)) - log_mu0) * log_inv_step

@@ -22,9 +22,8 @@ from ...scenes.rig import GatedRig
 from ...scenes.scene import Scene
 
 __all__ = [
-    "gate_offsets", "gated_responses", "light_path", "noise_model", "path_delay", "response_centroid_s",
-    "response_std_s",
-    "true_delay", "true_scene",
+    "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay", "response_centroid_s",
+    "response_std_s", "true_delay", "true_scene",
 ]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
@@ -113,3 +112,10 @@ def gate_offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
     from ...optics.gate_maps import gate_offset_map
 
     return np.asarray(gate_offset_map(*shape, rig.gate_map.iris_s, rig.gate_map.skew_s), np.float64)
+
+
+def halo_of(capture: xr.Dataset) -> Float:
+    """Target light (row, col) that reaches a pixel scattered, in photoelectrons at an open gate; zero where none is told."""
+    if "truth_halo" in capture:
+        return np.nan_to_num(np.asarray(capture["truth_halo"].values, np.float64))
+    return np.zeros(capture["truth_range"].shape)

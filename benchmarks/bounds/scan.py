@@ -35,6 +35,7 @@ from ...scenes.scene import Scene, amcw_rig, gated_rig, waveform_rig
 from .instrument import (
     gate_offsets,
     gated_responses,
+    halo_of,
     noise_model,
     path_delay,
     response_centroid_s,
@@ -150,7 +151,6 @@ def _gated(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
     if not used.any():
         used = np.ones_like(used)
     background = np.asarray(capture["truth_background"].values, np.float64)[used]
-    share, level = _levels(background)
     delay, gate = true_delay(capture, rig)[used], np.asarray(capture["gate"].values, np.int64)[used]
     width = response_std_s(tables)
     span = 0.5 * float(delay.max() - delay.min()) + math.sqrt(3.0) * width
@@ -159,6 +159,14 @@ def _gated(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
     n_g = group_index(scene.medium, rig.laser.wavelength_m)
     echo = path_delay(truth, rig, n_g)[0] - gate_offsets(rig, (truth.shape[0], truth.shape[1]))
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)
+    halo = halo_of(capture)
+    if halo.any():  # moves with the target, as in `gated_bound`
+        background = background.copy()
+        for k in range(len(delay)):
+            shown = correlation.lookup(tables[gate[k]], np.nan_to_num(echo, nan=1.0) - delay[k])
+            background[k] = np.maximum(background[k] - halo * np.maximum(shown, 0.0), 0.0)
+        amplitude = amplitude + halo
+    share, level = _levels(background)
     window = (middle - span, middle + span)
     found = _scan(_tables(tables, gate, delay, width), share, window, width, noise_model(rig), echo)
     return found, Elements(echo, amplitude, np.broadcast_to(level, truth.shape), C_M_PER_S / (2.0 * n_g))
