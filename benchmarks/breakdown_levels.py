@@ -120,15 +120,13 @@ def _orders(scores: pd.DataFrame) -> dict[tuple[str, str], Sequence[float]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the tables of some runs."""
-    import sys
+    import argparse
 
     from .report_data import read_scores
 
-    folders = list(sys.argv[1:] if arguments is None else arguments)
-    if not folders:
-        print(__doc__)
-        return 2
-    for folder in folders:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("runs", nargs="+", help="folders of runs, with scores.csv")
+    for folder in parser.parse_args(arguments).runs:
         scores = read_scores(Path(folder) / "scores.csv")
         print(markdown(level_rows(scores, _orders(scores))))
     return 0
