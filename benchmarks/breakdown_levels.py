@@ -125,8 +125,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from .report_data import read_scores
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("runs", nargs="+", help="folders of runs, with scores.csv")
-    for folder in parser.parse_args(arguments).runs:
+    parser.add_argument("runs", nargs="*", help="folders of runs, with scores.csv")
+    folders = parser.parse_args(arguments).runs
+    if not folders:
+        parser.print_help()
+        return 2
+    for folder in folders:
         scores = read_scores(Path(folder) / "scores.csv")
         print(markdown(level_rows(scores, _orders(scores))))
     return 0
