@@ -7,7 +7,6 @@ truth too. `source` is "measured", or "cache" for the times of an earlier run on
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..scenes.errors import InputError
 from .files import write_text
 from .runner import Outcome
-from .tables import to_csv
+from .tables import read_numbers, to_csv
 
 __all__ = ["COST_COLUMNS", "cost_interval", "cost_row", "read_costs", "write_costs"]
 
@@ -60,18 +58,7 @@ def read_costs(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: the file is no such table.
     """
-    path = folder / "costs.csv"
-    if not path.is_file():
-        return []
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows: list[dict[str, Any]] = [dict(row) for row in csv.DictReader(file)]
-        for row in rows:
-            for name in ("elements", "calls", *_TIMES):
-                row[name] = float(row[name]) if row[name] else math.nan
-    except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise InputError("The table of costs cannot be read.", where=str(path), value=str(error)) from error
-    return rows
+    return read_numbers(folder / "costs.csv", ("elements", "calls", *_TIMES), "The table of costs")
 
 
 def cost_interval(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from pathlib import Path
 from typing import Any
 
-from ..scenes.errors import InputError
 from .report_data import unit_scale
 from .report_text import number, plural, rate, span
+from .tables import read_numbers
 
 __all__ = ["RANKING_HEAD", "ranking_section", "read_ranking"]
 
@@ -27,18 +25,7 @@ def read_ranking(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: the file is no such table.
     """
-    path = folder / "ranking.csv"
-    if not path.is_file():
-        return []
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows: list[dict[str, Any]] = [dict(row) for row in csv.DictReader(file)]
-        for row in rows:
-            for name in _NUMBERS:
-                row[name] = float(row[name]) if row[name] else math.nan
-    except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise InputError("The ranking cannot be read.", where=str(path), value=str(error)) from error
-    return rows
+    return read_numbers(folder / "ranking.csv", _NUMBERS, "The ranking")
 
 
 def ranking_section(folder: Path) -> list[dict[str, Any]]:

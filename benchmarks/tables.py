@@ -13,12 +13,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..scenes.errors import InputError
 from .files import write_atomic, write_text
 from .inference_tables import inference_tables
 from .score import ACCURACY, COLUMNS, KEY
 from .summary import SUMMARY_COLUMNS, summarise
 
-__all__ = ["read_rows", "sort_rows", "to_csv", "write_tables"]
+__all__ = ["read_numbers", "read_rows", "sort_rows", "to_csv", "write_tables"]
 
 _INTEGERS = ("seed", "n")
 _TEXTS = (
@@ -87,4 +88,23 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
                 row[name] = int(value)
             elif name not in _TEXTS:
                 row[name] = float(value) if value else math.nan
+    return rows
+
+
+def read_numbers(path: Path, numbers: Sequence[str], what: str) -> list[dict[str, Any]]:
+    """The rows of a CSV file, the columns `numbers` as floats (NaN where empty); none where there is no such file.
+
+    Raises:
+        InputError: the file is no such table; the message begins with `what`.
+    """
+    if not path.is_file():
+        return []
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows: list[dict[str, Any]] = [dict(row) for row in csv.DictReader(file)]
+        for row in rows:
+            for name in numbers:
+                row[name] = float(row[name]) if row[name] else math.nan
+    except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise InputError(f"{what} cannot be read.", where=str(path), value=str(error)) from error
     return rows

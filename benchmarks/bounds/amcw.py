@@ -19,12 +19,13 @@ from ...optics.constants import C_M_PER_S
 from ...optics.fisher_table import information_table
 from ...optics.likelihood_model import NoiseModel
 from ...scenes.declare import group_index
+from ...scenes.rig_amcw import AmcwRig
 from ...scenes.scene import amcw_rig
 from ..score import Bound
 from .instrument import true_scene
 from .waveform import profiled_sigma
 
-__all__ = ["amcw_bound"]
+__all__ = ["amcw_bound", "background_of"]
 
 Float = npt.NDArray[np.float64]
 
@@ -48,11 +49,7 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     if "truth_amplitude" not in capture:
         return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
-    if "truth_background" in capture:
-        background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
-    else:  # older captures, which hold no light that the water scattered
-        level = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * rig.modulation.integration_s
-        background = np.full((1, 1), level)
+    background = background_of(capture, rig)
     depth = 0.5 * rig.laser.modulation_depth * detector.demodulation_contrast * amplitude
     omega = 2.0 * np.pi * np.repeat(frequency, rig.modulation.phase_steps)
     phase = np.tile(2.0 * np.pi * np.arange(rig.modulation.phase_steps) / rig.modulation.phase_steps, frequency.size)
@@ -70,3 +67,12 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     sigma = profiled_sigma(information, gradient)
     kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
     return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, response_m, window_m)
+
+
+def background_of(capture: xr.Dataset, rig: AmcwRig) -> Float:
+    """Ambient, dark and scattered electrons of the samples, (shots or 1, samples or 1)."""
+    if "truth_background" in capture:
+        return np.asarray(capture["truth_background"].values, np.float64).reshape(capture["truth_range"].size, -1)
+    # Older captures hold no light that the water scattered.
+    level = (0.5 * rig.ambient_e_per_s + rig.detector.dark_e_per_s) * rig.modulation.integration_s
+    return np.full((1, 1), level)

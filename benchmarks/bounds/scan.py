@@ -32,6 +32,7 @@ from ...scenes.declare_waveform import shown_pulse
 from ...scenes.errors import InputError
 from ...scenes.rig_waveform import AnalogReadout
 from ...scenes.scene import Scene, amcw_rig, gated_rig, waveform_rig
+from .amcw import background_of
 from .instrument import (
     gate_offsets,
     gated_responses,
@@ -217,11 +218,7 @@ def _amcw(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
         full_well_e=detector.full_well_e,
     )
     truth = np.asarray(capture["truth_range"].values, np.float64)
-    if "truth_background" in capture:
-        background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
-    else:  # older captures, which hold no light that the water scattered
-        dark = (0.5 * rig.ambient_e_per_s + detector.dark_e_per_s) * modulation.integration_s
-        background = np.full((truth.size, 1), dark)
+    background = background_of(capture, rig)
     share, level = _levels(np.broadcast_to(background, (truth.size, omega.size)).T)
     window = (rig.range_window_m[0] / half, rig.range_window_m[1] / half)
     width = 1.0 / (float(frequency.max()) * math.sqrt(12.0))
