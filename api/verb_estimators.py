@@ -18,54 +18,81 @@ __all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_
 
 #: The laws behind the range-gated stack; other modalities have none yet to check a plug-in with.
 _CHECKED = "gated"
+#: Longest import of a plug-in that a list waits for [s].
+PLUGIN_IMPORT_S = 30.0
 
 
 def estimators_list() -> list[dict[str, Any]]:
     """All estimators, built-in and plug-in: name, modality, parameters with defaults, source, and where it lives.
 
-    One that cannot be imported is listed with the reason in `error`.
+    One that cannot be imported is listed with the reason in `error`. Plug-ins are a stranger's code: each is imported in a
+    process of its own, which may take `PLUGIN_IMPORT_S` seconds.
     """
+    from .estimators import BUILTIN, list_estimators
+
+    return [_row(name) if name in BUILTIN else _row_of_plugin(name) for name in list_estimators()]
+
+
+def _row(name: str, origin: str = "built-in") -> dict[str, Any]:
     import inspect
 
-    from .estimators import BUILTIN, get_estimator, list_estimators
+    from .estimators import get_estimator
     from .scenes.errors import InputError
 
-    rows: list[dict[str, Any]] = []
-    for name in list_estimators():
-        origin = "built-in" if name in BUILTIN else "plug-in"
-        try:
-            found = get_estimator(name)
-        except InputError as error:
-            rows.append(
-                {
-                    "name": name,
-                    "modality": "",
-                    "parameters": {},
-                    "cites": "",
-                    "origin": origin,
-                    "summary": "",
-                    "error": error.what,
-                }
-            )
-            continue
-        parameters = {
-            key: None if parameter.default is inspect.Parameter.empty else parameter.default
-            for key, parameter in inspect.signature(found.function).parameters.items()
-            if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-        }
-        summary = (inspect.getdoc(found.function) or "").partition("\n")[0]
-        rows.append(
-            {
-                "name": name,
-                "modality": found.modality,
-                "parameters": parameters,
-                "cites": found.cites,
-                "origin": origin,
-                "summary": summary,
-                "error": "",
-            }
-        )
-    return rows
+    try:
+        found = get_estimator(name)
+    except InputError as error:
+        return _failed(name, origin, error.what)
+    parameters = {
+        key: None if parameter.default is inspect.Parameter.empty else parameter.default
+        for key, parameter in inspect.signature(found.function).parameters.items()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+    return {
+        "name": name,
+        "modality": found.modality,
+        "parameters": parameters,
+        "cites": found.cites,
+        "origin": origin,
+        "summary": (inspect.getdoc(found.function) or "").partition("\n")[0],
+        "error": "",
+    }
+
+
+def _failed(name: str, origin: str, why: str) -> dict[str, Any]:
+    return {"name": name, "modality": "", "parameters": {}, "cites": "", "origin": origin, "summary": "", "error": why}
+
+
+#: What the child does: the row, on its last line, whatever the plug-in prints.
+_CHILD = (
+    "import json, sys; from beambench.verb_estimators import _row; "
+    "print('\\n' + json.dumps(_row(sys.argv[1], 'plug-in'), default=str))"
+)
+
+
+def _row_of_plugin(name: str) -> dict[str, Any]:
+    import json
+    import os
+    import subprocess
+    import sys
+
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _CHILD, name], capture_output=True, text=True, stdin=subprocess.DEVNULL,
+            timeout=PLUGIN_IMPORT_S, env=environment, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return _failed(name, "plug-in", f"its import did not end within {PLUGIN_IMPORT_S:g} s")
+    lines = done.stdout.strip().splitlines()
+    try:
+        row = json.loads(lines[-1]) if lines else None
+    except ValueError:
+        row = None
+    if done.returncode or not isinstance(row, dict):
+        said = (done.stderr.strip().splitlines() or ["nothing"])[-1]
+        return _failed(name, "plug-in", f"its import ended the process (exit code {done.returncode}): {said[:200]}")
+    return row
 
 
 def estimators_check(estimator: str) -> list[LawResult]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..generator.choose import RUNG_SHARE, Rtol, choose
 from ..generator.choose_error import replicate_error, stack_error, task_error
 from ..generator.direct import DirectScene, render_direct
-from ..generator.full import Limits, Slices, gate_offset, render_remainder
+from ..generator.full import SAMPLING, Limits, Slices, gate_offset, render_remainder
 from ..generator.generate import expected_electrons, slice_coordinates, slice_settings
 from ..generator.path_world import PathWorld
 from ..generator.scatter import render_scatter, scattered_electrons
@@ -72,10 +72,10 @@ class SceneRungs:
         return self._stack(found.direct) + scattered_electrons(self.scene, found, self.coords["gate"], *self.settings)
 
     def full(self, rtol: float, seed: int, limits: Limits | None = None) -> Stack:
-        """The full rung, rays and paths each to 0.7 `rtol`, as `generate` shares it out."""
-        direct = self.direct(0.7 * rtol)
+        """The full rung, rays and paths each to their part of `rtol`, as `generate` shares it out."""
+        direct = self.direct(SAMPLING * rtol)
         found = render_remainder(
-            self.scene, direct, self.slices, 0.7 * rtol, seed, 0, limits=limits or Limits(), world=self.world
+            self.scene, direct, self.slices, SAMPLING * rtol, seed, 0, limits=limits or Limits(), world=self.world
         )
         return direct + found.light
 

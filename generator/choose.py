@@ -19,15 +19,16 @@ from ..scenes.scene import Scene, gated_rig
 from .choose_error import relative_noise, stack_error
 from .choose_pilot import Pilot, Traced, cheap_stacks, pilot_scene
 from .effects import interreflection
+from .full import SAMPLING
 
 __all__ = ["RUNG_SHARE", "Choice", "Rtol", "choose", "pilot_scene", "stack_error"]
 
 Rtol = float | Literal["noise"]
 Rung = Literal["direct", "scatter", "full"]
 
-#: Share of the limit that a rung's sampling may take: what it leaves out adds to it. The full rung leaves out nothing but is
-#: random: its standard error is itself an estimate.
-RUNG_SHARE: dict[str, float] = {"direct": 0.3, "scatter": 0.3, "full": 0.7}
+#: Share of the limit that a rung's sampling may take: what it leaves out adds to it. The full rung leaves out nothing, and
+#: shares its rtol between rays and paths itself (`SAMPLING`).
+RUNG_SHARE: dict[str, float] = {"direct": 0.3, "scatter": 0.3, "full": 1.0}
 #: What `generate` multiplies `Choice.rtol` by.
 _GENERATE_SHARE: dict[str, float] = {"direct": 0.5, "scatter": 0.5, "full": 1.0}
 #: A rung whose interval still holds the limit when the paths are used up passes below this share of it.
@@ -97,7 +98,7 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
     sampled = max(_NOISE_SHARE * limit, 5e-4) if noise else limit
     predicted = {name: error for name, (error, _, _) in traced.errors.items()}
     # The full rung is traced until its error is what was asked for, or its paths are used up.
-    predicted["full"] = max(RUNG_SHARE["full"] * sampled, traced.full)
+    predicted["full"] = max(SAMPLING * sampled, traced.full)
     passing = [name for name in traced.errors if _passes(traced, name, limit, noise)]
     rung = passing[0] if passing else "full"
     if not passing and predicted["full"] > limit:
@@ -128,7 +129,7 @@ def _by_size(scene: Scene, rtol: Rtol, finite: float, how: str) -> Choice:
     passes = finite <= _MARGIN * limit and task.get("direct", 0.0) <= _TASK_MARGIN * _TASK_LIMIT
     rung = "direct" if passes else "full"
     sampled = max(_NOISE_SHARE * limit, 5e-4) if rtol == "noise" else limit
-    predicted = {"direct": finite, "full": RUNG_SHARE["full"] * sampled}
+    predicted = {"direct": finite, "full": SAMPLING * sampled}
     _only_direct(scene, rung, predicted, limit)
     return _chosen(rung, predicted, limit, sampled, how, {"interreflection": 0.0}, task)
 
@@ -137,7 +138,7 @@ def _enough(pilot: Pilot, rtol: Rtol) -> tuple[Traced, float]:
     """Trace until every rung's error is decided; what was found, and the limit."""
     traced, limit = None, 0.0
     aim = 0.01 if rtol == "noise" else float(rtol)
-    for traced in pilot.rounds(0.2 * aim, RUNG_SHARE["full"] ** 2 * aim, rtol == "noise"):
+    for traced in pilot.rounds(0.2 * aim, SAMPLING * aim, rtol == "noise"):
         limit = traced.noise if rtol == "noise" else float(rtol)
         if all(high <= limit or low > limit for _, low, high in traced.errors.values()):
             break

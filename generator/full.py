@@ -30,6 +30,7 @@ from .returns import Returns, render_stack
 from .scatter_ramp import nearest_path_m
 
 __all__ = [
+    "SAMPLING",
     "Limits",
     "add_remainder",
     "gate_offset",
@@ -46,6 +47,8 @@ Float = NDArray[np.float64]
 _BIN_SIGMAS = 0.25
 #: Lanes that keep two cores busy: small images get several lanes a pixel.
 _LANES = 8192
+#: Rays and paths share the rung's relative error: each may have this part of it.
+SAMPLING = 0.7
 _FIRST_SAMPLES = 8
 
 

@@ -123,8 +123,11 @@ def generate(
         return made
     _check_stress_models(scene, fidelity)
     scatter = render_scatter(scene, rtol, tracer) if fidelity == "scatter" else None
-    # Rays and paths share the error of the full rung.
-    share = rtol * (0.7 if fidelity == "full" else 1.0)
+    share = rtol
+    if fidelity == "full":
+        from .full import SAMPLING
+
+        share = SAMPLING * rtol
     direct = render_direct(scene, share, tracer) if scatter is None else scatter.direct
     coords = slice_coordinates(scene)
     rig = gated_rig(scene)

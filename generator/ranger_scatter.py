@@ -204,7 +204,7 @@ def backscatter_ramp(
             (nearest, float(edge[-1])), 2, angles=_TABLE_ANGLES,
         )  # fmt: skip
         at = np.geomspace(nearest, float(edge[-1]), 24)
-        askew = [softened_phase(phase, 2.0 * medium.scattering_per_m * float(r), np.array([np.pi]))[0] for r in at]
+        askew = softened_phase(phase, 2.0 * medium.scattering_per_m * at, np.array([np.pi]))[:, 0]
         light += halo.at(beam_angle(spec, local)[:, None], mean[None, :]) * np.interp(mean, at, askew)
     light *= solid_angle[:, None]
     scale = float(ranger.electrons(np.array(medium.scattering_per_m)))

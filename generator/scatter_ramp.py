@@ -128,7 +128,7 @@ def backscatter_electrons(
         )
         lengths = np.exp(halo.log_range_start + halo.log_range_step * np.arange(halo.log_shape.shape[0]))
         tilted = np.linspace(0.0, np.pi, _SOFT_NODES)
-        soft = np.stack([softened_phase(phase, 2.0 * medium.scattering_per_m * float(r), tilted) for r in lengths])
+        soft = softened_phase(phase, 2.0 * medium.scattering_per_m * lengths, tilted)
     turn = np.geomspace(_SMALLEST_TURN_RAD, np.pi, _ANGLE_NODES)
     limit = np.where(np.isfinite(target_range_m), target_range_m, np.inf).ravel()
     _ramp(

@@ -72,6 +72,7 @@ def _convolve(theta, profile, edge, radius, ring, across, flux, log_density, sta
     per = (profile.size - 1) / edge
     last = log_density.size - 1
     cosines = np.cos(np.pi * (np.arange(around) + 0.5) / around)
+    some = np.cos(np.pi * (np.arange(24) + 0.5) / 24)
     few = np.cos(np.pi * (np.arange(8) + 0.5) / 8)
     for n in prange(theta.size):
         t = theta[n]
@@ -91,16 +92,18 @@ def _convolve(theta, profile, edge, radius, ring, across, flux, log_density, sta
                         mean += profile[i] + (x - i) * (profile[i + 1] - profile[i])
                 total += ring[j] * mean / turn.size
         else:
+            # h is smooth around a ring that does not reach θ: n directions err by (p/θ)^2n.
+            turn = few if t > 3.0 * edge else some
             for j in range(across.size):
                 p = across[j]
                 mean = 0.0
-                for a in range(around):
-                    d = np.sqrt(max(t * t + p * p - 2.0 * t * p * cosines[a], 1e-300))
+                for a in range(turn.size):
+                    d = np.sqrt(max(t * t + p * p - 2.0 * t * p * turn[a], 1e-300))
                     x = max((np.log(d) - start) * inverse, 0.0)
                     if x < last:
                         i = int(x)
                         mean += np.exp(log_density[i] + (x - i) * (log_density[i + 1] - log_density[i]))
-                total += flux[j] * mean / around
+                total += flux[j] * mean / turn.size
         out[n] = total
     return out
 

@@ -117,24 +117,28 @@ def halo_spread(phase: PhaseFunction, optical_length: float) -> HaloSpread:
     return _spread(phase, float(optical_length))
 
 
-def softened_phase(phase: PhaseFunction, optical_length: float, turn_rad: ArrayLike) -> Array:
+def softened_phase(phase: PhaseFunction, optical_length: ArrayLike, turn_rad: ArrayLike) -> Array:
     """Mean β̃ [1/sr] by which the halo's light turns where straight light would turn by ψ = `turn_rad` (n).
 
     Light scattered forward at the fraction t of its way is displaced by ψ't and arrives askew by ψ'(1 − t): t is even in
     0 … 1, so that the tilt ω has the halo's own distribution h, and β̃ is averaged over h: cosψ → cosψ cosω +
-    sinψ sinω cosα. `optical_length` b·r counts the ways there and back.
+    sinψ sinω cosα. `optical_length` b·r, one (result: n) or several (m; result: m, n), counts the ways there and back.
     """
     psi = np.asarray(turn_rad, dtype=np.float64)
-    spread = halo_spread(phase, max(optical_length, 1e-9))
+    length = np.asarray(optical_length, dtype=np.float64)
     edge = np.geomspace(1e-4, _RIGHT_ANGLE, 64)
-    share = np.diff(spread.enclosed_within(edge), prepend=0.0)
-    share[-1] += max(spread.total - float(share.sum()), 0.0)
+    share = np.empty((length.size, edge.size))
+    for row, one in zip(share, length.flat, strict=True):
+        spread = halo_spread(phase, max(float(one), 1e-9))
+        row[:] = np.diff(spread.enclosed_within(edge), prepend=0.0)
+        row[-1] += max(spread.total - float(row.sum()), 0.0)
     tilt = np.concatenate([[0.0], np.sqrt(edge[1:] * edge[:-1])])
     around = np.cos(np.pi * (np.arange(8) + 0.5) / 8)
     cosine = np.cos(psi)[:, None, None] * np.cos(tilt)[:, None]
     cosine = cosine + np.sin(psi)[:, None, None] * np.sin(tilt)[:, None] * around
     value = phase_density(phase, np.arccos(np.clip(cosine, -1.0, 1.0)).clip(1e-6, np.pi)).mean(axis=2)
-    return np.asarray(value @ share / share.sum())
+    mean = share @ value.T / share.sum(axis=1)[:, None]
+    return np.asarray(mean.reshape(length.shape + psi.shape))
 
 
 @lru_cache(maxsize=256)

@@ -200,3 +200,28 @@ def test_a_taken_name_is_refused_and_both_owners_are_told(tmp_path: Path) -> Non
     said = done.stdout + done.stderr
     assert done.returncode == 2 and "two estimators are named peak" in said
     assert "hostile_calls:prints" in said and "uninstall" in said
+
+
+def test_a_list_outlives_plugins_that_hang_or_end_the_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    modules = {
+        "listed_hangs": "import time\ntime.sleep(600)\n",
+        "listed_ends": "import os\nos._exit(7)\n",
+        "listed_prints": (
+            "print('hello')\nfrom beambench.estimators import estimator\n"
+            "@estimator('gated', cites='nobody')\ndef answer(capture, *, wide: float = 2.0): '''Says so.'''\n"
+        ),
+    }
+    for name, text in modules.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    info = tmp_path / "listed-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: listed\nVersion: 1.0\n")
+    points = "".join(f"{name.replace('_', '-')} = {name}:answer\n" for name in modules)
+    (info / "entry_points.txt").write_text(f"[beambench.estimators]\n{points}")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr("beambench.verb_estimators.PLUGIN_IMPORT_S", 15.0)
+    rows = {row["name"]: row for row in beambench.estimators_list()}
+    assert "did not end within 15 s" in rows["listed-hangs"]["error"]
+    assert "exit code 7" in rows["listed-ends"]["error"]
+    assert rows["listed-prints"]["parameters"] == {"wide": 2.0} and not rows["listed-prints"]["error"]
+    assert rows["listed-prints"]["origin"] == rows["listed-hangs"]["origin"] == "plug-in" and rows["peak"]["cites"]

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from beambench.generator.direct import render_direct
-from beambench.generator.full import Limits, Remainder, Slices, render_remainder
+from beambench.generator.full import Limits, Remainder, render_remainder
 from beambench.generator.generate import expected_electrons, generate
 from beambench.generator.trace import pixel_directions
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig
+
+from ._gate_closed_form import gate_response, slices_of
 
 C = 299_792_458.0
 Float = NDArray[np.float64]
@@ -49,12 +50,6 @@ def corner(albedo: float, size: int = 6, **more: Any) -> Scene:
     return load_scene("flat-wall", changes | more)
 
 
-def slices_of(scene: Scene) -> Slices:
-    spec = gated_rig(scene).delays
-    delay = spec.start_s + spec.step_s * np.arange(spec.count)
-    return Slices(delay, np.ones(spec.count), np.zeros(spec.count, dtype=np.int32), None)
-
-
 def direct_of(scene: Scene, rtol: float = 1e-3) -> NDArray[np.float32]:
     slices = slices_of(scene)
     coords = {
@@ -67,14 +62,6 @@ def direct_of(scene: Scene, rtol: float = 1e-3) -> NDArray[np.float32]:
 
 def remainder(scene: Scene, rtol: float, seed: int = 1, **more: Any) -> Remainder:
     return render_remainder(scene, direct_of(scene), slices_of(scene), rtol, seed, 0, **more)
-
-
-def gate_response(scene: Scene, tau: Float) -> Float:
-    """R(τ − t_k) of a Gaussian pulse and a rectangular gate by error functions: (slices, …)."""
-    laser, gate = gated_rig(scene).laser, gated_rig(scene).gates[0]
-    wide = laser.pulse.fwhm_s / np.sqrt(8 * np.log(2)) * np.sqrt(2)  # type: ignore[union-attr]
-    u = tau - slices_of(scene).delay_s.reshape(-1, *([1] * tau.ndim))
-    return np.asarray(0.5 * (erf((gate.width_s - u) / wide) + erf(u / wide)))  # type: ignore[union-attr]
 
 
 def wall_points(side: float, along: int, up: int) -> tuple[Float, Float, Float]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from beambench.generator.backend import mitsuba
-from beambench.generator.full import Limits, Slices, render_remainder
+from beambench.generator.full import Limits, render_remainder
 from beambench.generator.path_phase import PhaseCells, free_path
 from beambench.generator.trace import pixel_directions
 from beambench.optics.phase_forms import FournierForand, HenyeyGreenstein, PhaseFunction, phase_density
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig
+
+from ._gate_closed_form import electrons_per_radiance, gate_response, slices_of
 
 C = 299_792_458.0
 Float = NDArray[np.float64]
@@ -42,28 +43,6 @@ def water(phase: dict[str, object], absorption: float, scattering: float, **more
         }
         | more,
     )
-
-
-def slices_of(scene: Scene) -> Slices:
-    spec = gated_rig(scene).delays
-    delay = spec.start_s + spec.step_s * np.arange(spec.count)
-    return Slices(delay, np.ones(spec.count), np.zeros(spec.count, dtype=np.int32), None)
-
-
-def electrons_per_radiance(scene: Scene) -> float:
-    rig = gated_rig(scene)
-    camera, laser = rig.camera, rig.laser
-    solid = 2 * np.pi * (1 - np.cos(laser.illumination.half_angle_rad))
-    joule = laser.pulse_energy_j / solid * camera.pixel_pitch_m**2 * np.pi / (4 * camera.f_number**2)
-    per_joule = laser.wavelength_m / (6.62607015e-34 * C)
-    return float(rig.pulses_per_slice * joule * camera.transmission * camera.quantum_efficiency * per_joule)
-
-
-def gate_response(scene: Scene, tau: Float) -> Float:
-    laser, gate = gated_rig(scene).laser, gated_rig(scene).gates[0]
-    wide = laser.pulse.fwhm_s / np.sqrt(8 * np.log(2)) * np.sqrt(2)  # type: ignore[union-attr]
-    u = tau[None, :] - slices_of(scene).delay_s[:, None]
-    return np.asarray(0.5 * (erf((gate.width_s - u) / wide) + erf(u / wide)))  # type: ignore[union-attr]
 
 
 def single_by_quadrature(scene: Scene, phase: PhaseFunction) -> Float:

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from beambench.generator.backend import mitsuba
 from beambench.generator.bsdf_plugin import mitsuba_bsdf
-from beambench.generator.full import Limits, Remainder, Slices, render_remainder
+from beambench.generator.full import Limits, Remainder, render_remainder
 from beambench.generator.path_single import single_electrons
 from beambench.generator.path_world import PathWorld
 from beambench.scenes.load import load_scene
 from beambench.scenes.materials import Lambert
 from beambench.scenes.scene import Scene, gated_rig
+
+from ._gate_closed_form import electrons_per_radiance, gate_response, slices_of
 
 C = 299_792_458.0
 Float = NDArray[np.float64]
@@ -51,33 +52,11 @@ def lit_wall(scattering: float, g: float, **more: Any) -> Scene:
     )
 
 
-def slices_of(scene: Scene) -> Slices:
-    spec = gated_rig(scene).delays
-    delay = spec.start_s + spec.step_s * np.arange(spec.count)
-    return Slices(delay, np.ones(spec.count), np.zeros(spec.count, dtype=np.int32), None)
-
-
 def remainder(scene: Scene, seed: int, samples: int, component: str = "all", **more: Any) -> Remainder:
     slices, camera = slices_of(scene), gated_rig(scene).camera
     nothing = np.zeros((len(slices.delay_s), camera.rows, camera.cols), dtype=np.float32)
     limits = Limits(most_samples=samples)
     return render_remainder(scene, nothing, slices, 1e-9, seed, 0, component=component, limits=limits, **more)
-
-
-def electrons_per_radiance(scene: Scene) -> float:
-    rig = gated_rig(scene)
-    camera, laser = rig.camera, rig.laser
-    solid = 2 * np.pi * (1 - np.cos(laser.illumination.half_angle_rad))
-    joule = laser.pulse_energy_j / solid * camera.pixel_pitch_m**2 * np.pi / (4 * camera.f_number**2)
-    per_joule = laser.wavelength_m / (6.62607015e-34 * C)
-    return float(rig.pulses_per_slice * joule * camera.transmission * camera.quantum_efficiency * per_joule)
-
-
-def gate_response(scene: Scene, tau: Float) -> Float:
-    laser, gate = gated_rig(scene).laser, gated_rig(scene).gates[0]
-    wide = laser.pulse.fwhm_s / np.sqrt(8 * np.log(2)) * np.sqrt(2)  # type: ignore[union-attr]
-    u = tau[None, :] - slices_of(scene).delay_s[:, None]
-    return np.asarray(0.5 * (erf((gate.width_s - u) / wide) + erf(u / wide)))  # type: ignore[union-attr]
 
 
 def turned(rng: np.random.Generator, d: Float, g: float) -> Float:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,16 +17,8 @@ from beambench.benchmarks.report_front import mark_front
 from beambench.benchmarks.report_ranking import ranking_section
 from beambench.scenes.errors import InputError
 
+from . import _api_fixtures as made_up
 
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("_api_fixtures.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-made_up = _load()
 #: cpu per element, rmse: b is dominated by a, c is on the front, d is within a hair of c.
 POINTS = {"a": (1e-9, 4e-3), "b": (2e-9, 6e-3), "c": (8e-9, 1e-3), "d": (8.01e-9, 1.01e-3)}
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -17,16 +15,8 @@ import pytest
 from beambench.benchmarks.report import write_report
 from beambench.scenes.errors import InputError
 
+from . import _api_fixtures as made_up
 
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("_api_fixtures.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-made_up = _load()
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import struct
 import zlib
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -18,16 +16,7 @@ from beambench.benchmarks.report_front import mark_front
 from beambench.benchmarks.report_layout import log_domain, log_ticks, place_labels
 from beambench.benchmarks.report_text import closing_lines, number, rank, rate, summary, time_text
 
-
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("_api_fixtures.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-made_up = _load()
+from . import _api_fixtures as made_up
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from ..score import Bound
 from .instrument import true_scene
 from .waveform import profiled_sigma
 
-__all__ = ["amcw_bound", "background_of"]
+__all__ = ["amcw_bound", "amcw_noise", "background_of"]
 
 Float = npt.NDArray[np.float64]
 
@@ -56,17 +56,22 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     turn = omega * (np.nan_to_num(truth)[:, None] / half - rig.t0_s) - phase
     mean = np.maximum(amplitude + background + depth * np.cos(turn), 0.0)
     gradient = np.stack([-depth * omega * np.sin(turn) / half, np.ones_like(turn), np.cos(turn)])
-    noise = NoiseModel(
+    information = np.asarray(information_table(amcw_noise(rig))(mean), np.float64)
+    sigma = profiled_sigma(information, gradient)
+    kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
+    return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, response_m, window_m)
+
+
+def amcw_noise(rig: AmcwRig) -> NoiseModel:
+    """The likelihood of one sample, photoelectrons to DN."""
+    detector = rig.detector
+    return NoiseModel(
         read_noise_e=detector.read_noise_e,
         gain_dn_per_e=detector.gain_dn_per_e,
         offset_dn=detector.offset_dn,
         adc_max_dn=2**detector.adc_bits - 1,
         full_well_e=detector.full_well_e,
     )
-    information = np.asarray(information_table(noise)(mean), np.float64)
-    sigma = profiled_sigma(information, gradient)
-    kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
-    return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, response_m, window_m)
 
 
 def background_of(capture: xr.Dataset, rig: AmcwRig) -> Float:

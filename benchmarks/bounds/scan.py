@@ -32,7 +32,7 @@ from ...scenes.declare_waveform import shown_pulse
 from ...scenes.errors import InputError
 from ...scenes.rig_waveform import AnalogReadout
 from ...scenes.scene import Scene, amcw_rig, gated_rig, waveform_rig
-from .amcw import background_of
+from .amcw import amcw_noise, background_of
 from .instrument import (
     gate_offsets,
     gated_responses,
@@ -210,13 +210,7 @@ def _amcw(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
         wave = depth * np.cos(turn)
         return 1.0 + wave, -depth * omega * np.sin(turn), -(omega**2) * wave
 
-    noise = NoiseModel(
-        read_noise_e=detector.read_noise_e,
-        gain_dn_per_e=detector.gain_dn_per_e,
-        offset_dn=detector.offset_dn,
-        adc_max_dn=2**detector.adc_bits - 1,
-        full_well_e=detector.full_well_e,
-    )
+    noise = amcw_noise(rig)
     truth = np.asarray(capture["truth_range"].values, np.float64)
     background = background_of(capture, rig)
     share, level = _levels(np.broadcast_to(background, (truth.size, omega.size)).T)
