@@ -23,7 +23,8 @@ from ..scenes.declare import group_index, optics_gate, optics_pulse
 from ..scenes.scene import Scene, gated_rig
 from .echo import Echoes, albedo_at_normal, echoes, without_diffuse
 from .returns import Returns, gather_returns
-from .subsampling import centre_error, lattice, plan
+from .slice_view import slice_view
+from .subsampling import centre_error, lattice, plan, stack_power
 from .trace import Hits, Tracer, pixel_directions
 
 __all__ = ["DirectScene", "gate_tables", "render_direct", "response_width_s"]
@@ -109,20 +110,22 @@ def render_direct(
     amplitude, tau, per_row, per_col = (
         a.reshape(ring) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
     )
-    error, bright, shift, spread = centre_error(amplitude, tau, per_row, per_col, sigma)
+    shown, weight = slice_view(scene, gate_tables(scene), sigma, tau)
+    error, bright, shift, spread = centre_error(amplitude, tau, per_row, per_col, sigma, weight)
     inside = (row[probed] + 1, col[probed] + 1)
     plane = tau[inside][:, None] + per_row[inside][:, None] * d_row + per_col[inside][:, None] * d_col
     late = np.abs(probes.tau.reshape(plane.shape) - plane) / sigma
     light_near = probes.amplitude.reshape(plane.shape)
     recurs = _recurring_error(
-        error.ravel()[probed], bright.ravel()[probed], amplitude[inside], light_near, late, rtol
-    )  # fmt: skip
+        error.ravel()[probed], bright.ravel()[probed] > 0.0, amplitude[inside], light_near, late, rtol
+    )
     if recurs > 0.0:
         error = np.maximum(error, recurs)
     single = np.ones(rows * cols, dtype=bool)
     parts: list[tuple[Any, ...]] = []
     rays = rows * cols
-    for group in plan(error, bright, rtol):
+    inner = (slice(1, -1), slice(1, -1))
+    for group in plan(error, bright, stack_power(error, (amplitude * shown)[inner]), rtol):
         n = group.n
         single[group.pixel] = False
         d_row, d_col = lattice(n * n)
@@ -136,7 +139,6 @@ def render_direct(
         rays += len(sub_row)
     empty = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
     owner, light, when, width = (np.concatenate([p[i] for p in parts or [empty]]) for i in (0, 1, 2, 3))
-    inner = (slice(1, -1), slice(1, -1))
     alone = (single, amplitude[inner].ravel(), (tau[inner] + shift).ravel(), spread.ravel())
     returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma, alone)
     if not with_truth:
@@ -152,23 +154,25 @@ def _probed(pixels: int) -> NDArray[np.int64]:
     return ((np.arange(count) + 0.5) * 0.6180339887498949 % 1.0 * pixels).astype(np.int64)
 
 
-def _recurring_error(predicted: Float, bright: Float, centre: Float, light: Float, late: Float, rtol: float) -> float:
+def _recurring_error(
+    predicted: Float, lit: NDArray[np.bool_], centre: Float, light: Float, late: Float, rtol: float
+) -> float:
     """Error of the centre ray alone by what recurs in all pixels, unseen by it: 0 where several rays agree with it.
 
     Main arguments, of probed pixels:
-        predicted, bright: error and brightness by `centre_error`; centre: amplitude of the centre ray.
+        predicted: error by `centre_error`; lit: light in it or beside it; centre: amplitude of the centre ray.
         light, late (pixel, ray): amplitude of the rays, and how far their times are from the centre's tangent plane, in σ.
 
     Pixels that look smooth are judged: those of which one ray is predicted to be enough, and the smoothest quarter.
     """
-    lit = bright > 0.0
     if not lit.any():
         return 0.0
     mine = lit & (predicted <= max(rtol, float(np.quantile(predicted[lit], 0.25))))
     light, centre = light[mine], centre[mine, None]
     both = (light > 0.0) & (centre > 0.0)
     moved = np.where(both, light * np.minimum(np.where(both, late[mine], 0.0), 1.0), 0.0).mean(axis=1)
-    found = np.maximum(np.abs(light.mean(axis=1) - centre[:, 0]), moved) / np.maximum(bright[mine], light.max(axis=1))
+    brightest = np.maximum(np.maximum(light.max(axis=1), centre[:, 0]), 1e-300)
+    found = np.maximum(np.abs(light.mean(axis=1) - centre[:, 0]), moved) / brightest
     measured = float(np.sqrt(np.mean(np.minimum(found, 1.0) ** 2)))
     allowed = _PROBE_SLACK * max(rtol, float(np.sqrt(np.mean(predicted[mine] ** 2))))
     return measured if measured > allowed else 0.0

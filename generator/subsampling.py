@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..optics.jit import kernel, prange
 
-__all__ = ["GRIDS", "SubsamplePlan", "centre_error", "lattice", "plan"]
+__all__ = ["GRIDS", "SubsamplePlan", "centre_error", "lattice", "plan", "stack_power"]
 
 Float = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class SubsamplePlan:
 
 
 def centre_error(
-    amplitude: Float, tau: Float, per_row: Float, per_col: Float, sigma_s: float
+    amplitude: Float, tau: Float, per_row: Float, per_col: Float, sigma_s: float, seen: Float | None = None
 ) -> tuple[Float, Float, Float, Float]:
     """Relative error q of each pixel's centre ray, predicted from its eight neighbours, and the brightness w near it;
     and what one ray stands for: the shift of the echo's centroid from its own time, and the time's spread (1 σ), s.
@@ -49,6 +49,7 @@ def centre_error(
     outer half of a border pixel would go unseen. Results are (rows, cols).
         amplitude: photoelectrons of the centre ray, 0 where nothing is seen; tau: its time, s.
         per_row, per_col: gradient of tau on the tangent plane, s per pixel; sigma_s: σ of R.
+        seen: weight of each ray's light in the stack, which w is multiplied by; by default 1.
 
     A jump of the time by σ changes R by about itself; a jump of the amplitude counts by its share of the brighter side.
     On a surface without jump two neighbours differ by the mean of their gradients, give or take half the difference.
@@ -57,26 +58,27 @@ def centre_error(
     """
     shape = (amplitude.shape[0] - 2, amplitude.shape[1] - 2)
     error, bright, shift, spread = (np.zeros(shape) for _ in range(4))
-    _centre_error(amplitude, tau, per_row, per_col, 1.0 / sigma_s, error, bright, shift, spread)
+    weighted = amplitude if seen is None else amplitude * seen
+    _centre_error(amplitude, weighted, tau, per_row, per_col, 1.0 / sigma_s, error, bright, shift, spread)
     return error, bright, shift, spread
 
 
 @kernel(parallel=True)
-def _centre_error(a, t, gr, gc, inv_sigma, error, bright, shift, spread):  # type: ignore[no-untyped-def]
+def _centre_error(a, weighted, t, gr, gc, inv_sigma, error, bright, shift, spread):  # type: ignore[no-untyped-def]
     rows, cols = error.shape
     for i in prange(rows):
         for j in range(cols):
             p, q = i + 1, j + 1
             here = a[p, q]
             t_here = t[p, q]
-            top = here
+            top = weighted[p, q]
             worst = 0.0
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
                     if dr == 0 and dc == 0:
                         continue
                     there = a[p + dr, q + dc]
-                    top = max(top, there)
+                    top = max(top, weighted[p + dr, q + dc])
                     share = 1.0 if dr == 0 or dc == 0 else 0.5  # a diagonal neighbour's edge cuts a corner only
                     larger = max(abs(there), abs(here), abs(a[p - dr, q - dc]))
                     jump = 0.0
@@ -115,14 +117,24 @@ def lattice(count: int) -> tuple[Float, Float]:
     return row, col - col.mean()
 
 
-def plan(error: Float, bright: Float, rtol: float) -> list[SubsamplePlan]:
+def stack_power(error: Float, light: Float) -> float:
+    """Σ of the squared light of the pixels: what ε² is relative to.
+
+    Main arguments: `error` q of `centre_error`; `light` of the centre rays, as the stack shows it. An edge anywhere in a pixel
+    leaves a share s of its light, 〈s²〉 = 1/3, whose centre ray is lit half the time.
+    """
+    cut = np.minimum(error / _EDGE, 1.0) / 3.0
+    return float(np.sum(light**2 * (1.0 - cut)))
+
+
+def plan(error: Float, bright: Float, power: float, rtol: float) -> list[SubsamplePlan]:
     """Choose grids so that the stack's relative error ε = sqrt(Σ(ΔX)²/ΣX²) is about `rtol` with the fewest rays.
 
-    Main arguments: `error` q and `bright` w of `centre_error`; rtol: ε aimed at.
+    Main arguments: `error` q and `bright` w of `centre_error`; power: ΣX² by `stack_power`; rtol: ε aimed at.
     """
     q, w = error.ravel(), bright.ravel()
     wq = w * q
-    budget = (rtol**2) * float(np.dot(w, w))
+    budget = rtol**2 * power
     if budget <= 0 or float(np.dot(wq, wq)) <= budget:
         return []
     # Work on a histogram of log(wq): a few hundred bins stand for all pixels.
