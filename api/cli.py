@@ -36,6 +36,8 @@ _USERS_ERRNO = {
     errno.ENOTDIR,
     errno.EISDIR,
     errno.ENAMETOOLONG,
+    errno.EEXIST,
+    errno.ENOTEMPTY,
 }
 
 
@@ -95,8 +97,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         _let_go_of_stdout()
         return 0
-    except KeyboardInterrupt:
-        print("\ninterrupted; what was finished is kept", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print("\ninterrupted", file=sys.stderr)
+        _told(*_notes(error))
         if debug:
             raise
         return 130
@@ -105,7 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         if debug:
             _traceback()
-        return _told(f"error: {error}")
+        return _told(f"error: {error}", *_notes(error))
     except OSError as error:
         if debug:
             _traceback()
@@ -114,12 +117,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines = [f"error: {os.strerror(error.errno or 0)}."]
         if error.filename is not None:
             lines.append(f"  where:   {error.filename}")
-        return _told(*lines, "  next:    check the path and the space on its disk, or choose another with --out")
+        advice = "  next:    check the path and the space on its disk, or choose another with --out"
+        return _told(*lines, advice, *_notes(error))
+    except SystemExit as error:  # of a plug-in that ends the process: its code would pass for a command's
+        return _internal(RuntimeError(f"something ended the process with {error.code!r}"), debug)
     except Exception as error:
         if debug:
             _traceback()
-        return _internal(error, debug)
+        code = _internal(error, debug)
+        _told(*_notes(error))
+        return code
     return code
+
+
+def _notes(error: BaseException) -> list[str]:
+    """What a verb noted at its error: what is kept, and how to go on."""
+    return [f"  kept:    {note}" for note in getattr(error, "__notes__", ())]
 
 
 def _run(tokens: list[str]) -> int:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from .console import Common, Out, Overrides, print_json, print_lines, print_table, size_text
+from .console import Common, Out, Overrides, Whole, print_json, print_lines, print_table, size_text
+
+if TYPE_CHECKING:
+    from .captures.verification import Damage
 
 __all__ = ["register"]
 
@@ -81,7 +84,7 @@ def scenes_preview(
     /,
     *,
     set_: Overrides = None,
-    size: int = 640,
+    size: Whole = 640,
     out: Out = None,
     overwrite: _Overwrite = False,
     common: Common | None = None,
@@ -122,7 +125,7 @@ def generate(
     /,
     *,
     set_: Overrides = None,
-    seeds: Annotated[list[int] | None, Parameter(negative="")] = None,
+    seeds: Annotated[list[str] | None, Parameter(negative="")] = None,
     fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: Annotated[bool, Parameter(negative="", show_default=False)] = False,
@@ -141,7 +144,7 @@ def generate(
     source
         A scene or suite by name, or a .toml or .json file. A suite gives one store per scene.
     seeds
-        Seed of a scene's capture, repeatable; 0 if not given.
+        Seed of a scene's capture, a whole number, repeatable; 0 if not given. A suite has its own.
     fidelity
         Rung of the forward model; "auto" takes the cheapest whose predicted error is below --rtol.
     rtol
@@ -152,11 +155,13 @@ def generate(
     truth_components
         Keep the light apart too: direct, between surfaces, scattered once, scattered more often. With --fidelity full only.
     like
-        Repeat this store from its own records and compare: how many values differ. Exit code 1 if any does.
+        Repeat this store from its own records and compare: how many values differ. Exit code 1 if any does. Takes no
+        option that would change what is made; --set target.0.shape.file=PATH tells where a mesh lies that is neither
+        beside the store nor in the current folder.
     plan
         Tell what would be made, and make nothing.
     resume
-        Go on with an unfinished store.
+        Go on with what was interrupted in --out; what is complete there stays.
     """
     from .benchmarks.progress import terminal_progress
     from .scenes.overrides import parse_assignments
@@ -166,7 +171,7 @@ def generate(
         made = verb(
             source,
             overrides=parse_assignments(set_ or []),
-            seeds=seeds or [0],
+            seeds=_whole_numbers(seeds),
             fidelity=fidelity,
             rtol=rtol,
             truth_electrons=truth_electrons,
@@ -216,6 +221,16 @@ def generate(
     return int(not made.equal)
 
 
+def _whole_numbers(given: list[str] | None) -> list[int] | None:
+    """Numbers of an option, none of them rounded. Raises InputError."""
+    from .scenes.errors import InputError
+
+    for text in given or []:
+        if not text.strip().removeprefix("-").isdecimal():
+            raise InputError("A seed is a whole number.", where="--seeds", value=text, allowed="0, 1, 2, …")
+    return None if given is None else [int(text) for text in given]
+
+
 def data_status(data: str, /, *, common: Common | None = None) -> int:
     """Tell what a store of captures holds.
 
@@ -256,16 +271,25 @@ def data_verify(data: str, /, *, common: Common | None = None) -> int:
     if common and common.json:
         print_json({"sound": not damage, "damage": [asdict(item) for item in damage]})
     elif damage:
-        print_lines(
-            *(str(item) for item in damage), f"{len(damage)} files are damaged; next: beambench data repair {data}"
-        )
+        print_lines(*(str(item) for item in damage), _advice(data, damage))
     else:
         print_lines(f"{data}: sound")
     return int(bool(damage))
 
 
+def _advice(data: str, damage: list[Damage]) -> str:
+    """How many files are wrong, and what helps: a repair only where it would be done."""
+    from .captures.manifest import ASK_FOR_RIGHTS, TAKE_ANEW
+
+    unreadable = sum(item.unreadable for item in damage)
+    if unreadable:
+        return f"{unreadable} files cannot be read; next: {ASK_FOR_RIGHTS}"
+    metadata = any(item.capture is None and item.file.endswith("zarr.json") for item in damage)
+    return f"{len(damage)} files are damaged; next: " + (TAKE_ANEW if metadata else f"beambench data repair {data}")
+
+
 def data_repair(data: str, /, *, overwrite: _Overwrite = False, common: Common | None = None) -> int:
-    """Drop the damaged captures of a store and keep the sound ones.
+    """Drop the damaged captures of a store and keep the sound ones; the files dropped stay beside it in NAME.dropped.
 
     Parameters
     ----------
@@ -301,9 +325,12 @@ def _recovered(recovery: object, common: Common | None) -> int:
                 "kept": recovery.kept,
                 "dropped": list(recovery.dropped),
                 "damage": [str(item) for item in recovery.damage],
+                "aside": None if recovery.aside is None else str(recovery.aside),
             }
         )
     else:
         dropped = f", dropped {', '.join(map(str, recovery.dropped))}" if recovery.dropped else ""
         print_lines(f"{recovery.path}: {recovery.kept} captures{dropped}")
+        if recovery.aside is not None:
+            print_lines(f"{recovery.aside}: the files of what was dropped")
     return 0

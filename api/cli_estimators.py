@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from .console import Common, Out, print_json, print_lines, print_table
+from .console import Common, Out, Resume, Whole, print_json, print_lines, print_table, score_records
 
 __all__ = ["register"]
 
@@ -35,7 +35,8 @@ _TRAIN = """Example (repeats the weights that ship):
 
 _ESTIMATE = """Examples:
   beambench estimate step.zarr -e poisson-ml -o estimates
-  beambench estimate step.zarr -e peak -e 'weighted-average[background=subtract]'"""
+  beambench estimate step.zarr -e peak -e 'weighted-average[background=subtract]'
+  beambench estimate step.zarr -e poisson-ml -e peak -o estimates --resume"""
 
 
 def estimate(
@@ -44,9 +45,10 @@ def estimate(
     *,
     estimators: Annotated[list[str] | None, Parameter(name=["--estimators", "-e"], negative="")] = None,
     out: Out = None,
+    resume: Resume = False,
     overwrite: _Overwrite = False,
     time_limit_s: float = 600.0,
-    memory_limit_bytes: int = 8 * 2**30,
+    memory_limit_bytes: Whole = 8 * 2**30,
     common: Common | None = None,
 ) -> int:
     """Run estimators on a store of captures; each sees no truth, in its own process.
@@ -70,6 +72,7 @@ def estimate(
             data,
             estimators or [],
             out=out,
+            resume=resume,
             overwrite=overwrite,
             time_limit_s=time_limit_s,
             memory_limit_bytes=memory_limit_bytes,
@@ -114,7 +117,7 @@ def score(
     table = verb(data, estimates, out=out, overwrite=overwrite, failure_at=failure_at)
     folder = table.attrs["folder"]
     if common and common.json:
-        print_json({"out": folder, "rows": table.to_dict(orient="records")})
+        print_json({"out": folder, "rows": score_records(table.to_dict(orient="records"))})
         return 0
     cells = cells_of(table)
     factor, unit = unit_scale(cells[0].unit)
@@ -226,9 +229,9 @@ def estimators_train(
     *,
     data: Annotated[list[str], Parameter(negative="")],
     out: Annotated[str, Parameter(name=["--out", "-o"], help="The weights, an .npz file.")],
-    units: int = 96,
+    units: Whole = 96,
     ridge: float = 1e-5,
-    seed: int = 1,
+    seed: Whole = 1,
     overwrite: _Overwrite = False,
     common: Common | None = None,
 ) -> int:

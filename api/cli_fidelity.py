@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from .console import Common, Out, print_json, print_lines, print_table
+from .console import Common, Out, Whole, print_json, print_lines, print_table
 
 __all__ = ["register"]
 
@@ -26,8 +26,8 @@ _FIDELITY = """Examples:
 
 def fidelity(
     *,
-    scenes: int = 60,
-    seed: int = 1,
+    scenes: Whole = 60,
+    seed: Whole = 1,
     out: Out = None,
     overwrite: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     resume: Annotated[bool, Parameter(negative="", show_default=False)] = False,

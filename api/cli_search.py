@@ -16,10 +16,11 @@ from .console import (
     Report,
     Resume,
     Split,
+    Whole,
     print_json,
     print_lines,
     print_table,
-)  # fmt: skip
+)
 
 __all__ = ["register"]
 
@@ -50,8 +51,8 @@ def sweep(
     set_: Overrides = None,
     estimators: Estimators = None,
     split: Split = "test",
-    budget: int = 16,
-    depth: int = 2,
+    budget: Whole = 16,
+    depth: Whole = 2,
     out: Out = None,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -130,10 +131,10 @@ def break_(
     neighbours: Annotated[list[str] | None, Parameter(negative="")] = None,
     scenes: Annotated[list[str] | None, Parameter(negative="")] = None,
     set_: Overrides = None,
-    side: int = 24,
+    side: Whole = 24,
     factor: float = 3.0,
-    budget: int = 300,
-    seed: int = 0,
+    budget: Whole = 300,
+    seed: Whole = 0,
     out: Out = None,
     overwrite: Overwrite = False,
     common: Common | None = None,

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
 
 from cyclopts import Parameter
 from rich.console import Console
 
 __all__ = [
-    "Common", "Estimators", "Out", "Overrides", "Overwrite", "Report", "Resume", "Split", "print_json", "print_lines",
-    "print_table", "size_text", "terminal",
+    "Common", "Estimators", "Out", "Overrides", "Overwrite", "Report", "Resume", "Split", "Whole", "Wholes", "open_streams",
+    "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal", "whole",
 ]  # fmt: skip
 
 
@@ -60,6 +62,53 @@ Overwrite = Annotated[bool, Parameter(negative="", show_default=False, help="Rep
 Report = Annotated[bool, Parameter(show_default=False, help="Write the page report.html.")]
 
 
+def whole(type_: Any, tokens: Sequence[Any]) -> Any:
+    """Whole numbers of an option, as cyclopts converts them: a list where it may be given more than once.
+
+    A fraction is refused, never rounded: a seed or a budget that is not the one asked for would go unseen. Digits with an
+    exponent (8e9) are taken where they make a whole number.
+
+    Raises:
+        ValueError: no whole number, as cyclopts wants it told.
+    """
+    numbers = [_whole(str(getattr(token, "value", token))) for token in tokens]
+    several = any(get_origin(part) in (list, tuple, set) for part in (type_, *get_args(type_)))
+    return numbers if several else numbers[0]
+
+
+def _whole(text: str) -> int:
+    if re.fullmatch(r"[+-]?\d+(_\d+)*", text.strip(), re.ASCII) and len(text) <= _MOST_DIGITS:
+        return int(text)
+    found = re.fullmatch(r"([+-]?\d+)[eE]\+?(\d{1,2})", text.strip(), re.ASCII)
+    if found and len(text) <= _MOST_DIGITS:
+        return int(found[1] + "0" * int(found[2]))
+    raise ValueError(f'"{text}" is not a whole number; fractions are not rounded')
+
+
+#: More digits than any number here has use for; Python itself refuses 4300.
+_MOST_DIGITS = 40
+#: A whole number on the command line, and one that may be given more than once.
+Whole = Annotated[int, Parameter(converter=whole)]
+Wholes = Annotated[list[int], Parameter(converter=whole, negative="")]
+
+
+def open_streams() -> None:
+    """Give standard output and error that were closed (`>&-`) a place to write to, where nothing is kept.
+
+    Called before any file is opened: else the first one would take the free number 1, and what libraries print would
+    land in it.
+    """
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            stream = open(number, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)
+            setattr(sys, f"__{name}__", stream)
+
+
 class _Terminal(Console):
     def on_broken_pipe(self) -> NoReturn:
         """Rich would exit with 1; a reader who has seen enough is no failure."""
@@ -68,6 +117,7 @@ class _Terminal(Console):
 
 def terminal(*, stderr: bool = False, width: int = 160) -> Console:
     """A console as wide as its terminal; `width` columns where it writes elsewhere."""
+    open_streams()
     stream = sys.stderr if stderr else sys.stdout
     wide = None if stream.isatty() else width
     return _Terminal(file=stream, width=wide, highlight=False, emoji=False, markup=False, soft_wrap=False)
@@ -101,6 +151,27 @@ def print_table(
 def print_json(value: Any) -> None:
     """One JSON document; NaN and infinity, which JSON lacks, become null."""
     print(json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False, default=str))
+
+
+#: Columns of score tables that count, and those that hold a number or nothing.
+_COUNTS, _LEVELS = ("seed", "n", "peak_bytes"), ("level", "level2")
+
+
+def score_records(rows: Iterable[Mapping[Any, Any]]) -> list[dict[str, Any]]:
+    """Rows of a score table as a program wants them: counts are whole numbers, levels are numbers, null where there is
+    none (in the table's file they are text)."""
+    found = []
+    for row in rows:
+        plain = dict(row)
+        for key in _COUNTS:
+            value = plain.get(key)
+            if isinstance(value, float) and value.is_integer():
+                plain[key] = int(value)
+        for key in _LEVELS:
+            if isinstance(plain.get(key), str):
+                plain[key] = float(plain[key]) if plain[key] else None
+        found.append(plain)
+    return found
 
 
 def _plain(value: Any) -> Any:

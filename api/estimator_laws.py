@@ -7,8 +7,9 @@ The stack: pixel i sees one surface at range r_i, counts ~ Poisson(α R(2 n_g r_
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["LAWS", "LawResult", "check_laws", "made_up_capture"]
+__all__ = ["LAWS", "LawResult", "Report", "check_laws", "judged", "made_up_capture"]
 
 _ROWS, _COLS = 4, 24
 _ELECTRONS, _BACKGROUND = 4000.0, 4.0
@@ -34,6 +35,9 @@ class LawResult:
     law: str
     holds: bool
     seen: str
+
+
+Report = Callable[[str, "LawResult | None"], bool]
 
 
 def made_up_capture(
@@ -76,17 +80,31 @@ def made_up_capture(
     )
 
 
-def check_laws(run: Callable[[xr.Dataset], xr.Dataset]) -> list[LawResult]:
-    """Hold an estimator, given as a function of a capture, to every law. An exception breaks the law; none escapes."""
+def check_laws(run: Callable[[xr.Dataset], xr.Dataset], report: Report | None = None) -> list[LawResult]:
+    """Hold an estimator, given as a function of a capture, to every law. What it raises breaks the law, and so does an
+    attempt to leave by `sys.exit`; a user's interrupt ends the check. `report`: as in `judged`."""
+    return judged({name: partial(law, run) for name, law in LAWS.items()}, report)
+
+
+def judged(laws: Mapping[str, Callable[[], str]], report: Report | None = None) -> list[LawResult]:
+    """Try laws, given as functions that return what is wrong, "" for nothing.
+
+    `report` is told of each law as it begins (name, None), and of its result (name, result); a law of which it returns
+    False as it begins is left out.
+    """
     results = []
-    for name, law in LAWS.items():
+    for name, law in laws.items():
+        if report is not None and not report(name, None):
+            continue
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                problem = law(run)
-        except Exception as error:  # an estimator is a stranger's code: whatever it raises is a result
+                problem = law()
+        except (Exception, SystemExit) as error:  # an estimator is a stranger's code: whatever it raises is a result
             problem = f"{type(error).__name__}: {error}"
         results.append(LawResult(name, not problem, problem or "holds"))
+        if report is not None:
+            report(name, results[-1])
     return results
 
 

@@ -1,19 +1,21 @@
-"""Where a verb writes: a fresh folder by default, and never over what is there unless told to."""
+"""Where a verb writes: a fresh place by default, and never over what is there unless told to."""
 
 from __future__ import annotations
 
-import re
-import shutil
+import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .scenes.errors import InputError
 
-__all__ = ["check_free", "claim", "default_out", "slug"]
+__all__ = ["check_free", "claim", "default_out", "is_package", "is_picture", "slug"]
 
 
 def slug(name: str) -> str:
     """A name as a part of a file name: letters, digits, dot, dash and underscore."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
+    from .benchmarks.kinds import slug
+
+    return slug(name)
 
 
 def default_out(name: str) -> Path:
@@ -29,37 +31,47 @@ def check_free(out: str | Path | None, *, overwrite: bool) -> None:
     Raises:
         InputError: it exists and `overwrite` is not given.
     """
-    if out is not None and not overwrite and Path(out).expanduser().exists():
+    if out is not None and not overwrite and os.path.lexists(Path(out).expanduser()):
         raise InputError(
             "The output exists.",
             where=str(out),
             allowed="--overwrite to replace it, or another --out",
-            next_step="add --resume to go on with it, where the command has that",
         )
 
 
-def claim(out: str | Path | None, name: str, *, resume: bool = False, overwrite: bool = False) -> Path:
-    """The output's path; makes its parent. What is there stays, or with `overwrite` is removed.
+def claim(
+    out: str | Path | None,
+    name: str,
+    *,
+    overwrite: bool = False,
+    ours: Callable[[Path], bool] | None = None,
+    inputs: Sequence[str | Path] = (),
+) -> Path:
+    """The output's path; makes its parent. Nothing is removed: whoever writes puts its own files in place, one by one.
+
+    Main arguments:
+        out: file or folder; under ./beambench-runs by default. name: of what is written.
+    Other arguments:
+        overwrite: what is there may be replaced, if it is `ours`; None: nothing but an empty folder may.
+        inputs: what is read; the output must lie apart from it.
 
     Raises:
-        InputError: the output exists and neither `resume` nor `overwrite` is given, or it cannot be made there.
+        InputError: the output exists and may not be replaced, or it cannot be made there.
     """
-    if resume and overwrite:
-        raise InputError("Both --resume and --overwrite are given.", where="--resume", allowed="one of them")
-    if out is None:
-        if resume:
+    from .benchmarks.workplace import refuse_inputs, refuse_place
+
+    path = default_out(name) if out is None else Path(out).expanduser()
+    refuse_inputs(path, inputs)
+    check_free(path, overwrite=overwrite)
+    if os.path.lexists(path):
+        refuse_place(path)
+        empty = path.is_dir() and not any(path.iterdir())
+        if not empty and (path.is_symlink() or ours is None or not ours(path)):
             raise InputError(
-                "--resume needs the folder to go on with.",
-                where="--out",
-                next_step="add --out FOLDER, an earlier output",
+                "What is there is nothing that Beambench did write, so it is not replaced.",
+                where=str(path),
+                allowed="an output of this command, an empty folder or a new name",
             )
-        path = default_out(name)
-    else:
-        path = Path(out).expanduser()
-    if path.exists() and not resume:
-        check_free(path, overwrite=overwrite)
-        _refuse_foreign(path)
-        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -67,22 +79,19 @@ def claim(out: str | Path | None, name: str, *, resume: bool = False, overwrite:
     return path
 
 
-def _refuse_foreign(path: Path) -> None:
-    """A folder is only replaced where it looks like an output of ours: a wrong --out must not delete a home."""
-    if not path.is_dir() or path.is_symlink() or not any(path.iterdir()):
-        return
-    marks = (
-        "scores.csv",
-        "run.json",
-        "zarr.json",
-        "manifest.json",
-        "estimates.json",
-        "pyproject.toml",
-        "beambench.json",
-    )
-    if not any((path / mark).exists() for mark in marks):
-        raise InputError(
-            "The folder holds something that Beambench did not write, so it is not replaced.",
-            where=str(path),
-            allowed="an output of Beambench, an empty folder or a new name",
-        )
+def is_picture(path: Path) -> bool:
+    """Whether a file is a PNG picture, or empty as a full disk leaves one."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(8) in (b"", b"\x89PNG\r\n\x1a\n")
+    except OSError:
+        return False
+
+
+def is_package(path: Path) -> bool:
+    """Whether a folder is a package that `beambench estimators new` began: by its pyproject.toml."""
+    try:
+        text = (path / "pyproject.toml").read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return False
+    return 'name = "beambench-' in text and '[project.entry-points."beambench.estimators"]' in text

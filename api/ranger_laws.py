@@ -7,19 +7,19 @@ Shot i sees a point at range r_i: a waveform's samples are Poisson(α R(τ_i −
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .estimator_laws import LawResult
+from .estimator_laws import LawResult, Report, judged
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["RANGERS", "check_ranger_laws", "made_up_ranger"]
+__all__ = ["RANGERS", "RANGER_LAWS", "check_ranger_laws", "made_up_ranger"]
 
 RANGERS = ("waveform", "amcw")
 _SHOTS = 48
@@ -31,9 +31,13 @@ Change = Callable[[NDArray[Any]], NDArray[Any]]
 
 
 def made_up_ranger(
-    modality: str, *, seed: int = 1, t0_shift_s: float = 0.0, change: Change | None = None
+    modality: str, *, seed: int = 1, t0_shift_s: float = 0.0, change: Change | None = None, counting: bool = False
 ) -> xr.Dataset:
-    """A capture without truth; `change` alters the data of the seed's draw, `t0_shift_s` the declared zero of time."""
+    """A capture without truth; `change` alters the data of the seed's draw, `t0_shift_s` the declared zero of time.
+
+    `counting`: a waveform of single photons, on the rig of the scene "single-photon" without dead time, of so many pulses
+    that counts hide none after them.
+    """
     from .captures.build import make_capture
     from .optics import amcw
     from .optics.correlation import correlation
@@ -46,14 +50,19 @@ def made_up_ranger(
     ranges = 4.0 + 0.1 * np.linspace(0, 1, _SHOTS)
     rng = np.random.default_rng(seed)
     if modality == "waveform":
-        scene = load_scene("counter", {"rig.record.shots": _SHOTS})
+        changes: dict[str, Any] = {"rig.record.shots": _SHOTS}
+        if counting:
+            changes |= {"rig.pulses_per_shot": 65535, "rig.detector.readout.dead_time_s": 0.0}
+        scene = load_scene("single-photon" if counting else "counter", changes)
         rig = declared_rig(scene)
         tau = 2 * rig["medium"]["group_index"] * ranges / _C_M_PER_S
+        if counting:  # its record begins where its own target is
+            tau += waveform_rig(scene).record.start_s + 4e-9 - tau[0]
         record, (pulse, delay) = waveform_rig(scene).record, shown_pulse(waveform_rig(scene))
         time = record.start_s + record.step_s * np.arange(record.samples)
         u = tau[:, None] + delay - time + 0.5 * record.step_s
         share = np.clip(correlation(pulse, RectangularGate(record.step_s, 1.0), u), 0, None)
-        values = 40 + rng.poisson(4000 * share + 4)
+        values = (0 if counting else 40) + rng.poisson(4000 * share + 4)
         coords = {"time": time + t0_shift_s}
     else:
         scene = load_scene("amcw", {"rig.shots": _SHOTS})
@@ -76,32 +85,17 @@ def made_up_ranger(
     )
 
 
-def check_ranger_laws(run: Run, modality: str) -> list[LawResult]:
-    """Hold an estimator, given as a function of a capture, to every law. An exception breaks the law; none escapes."""
+def check_ranger_laws(
+    run: Run, modality: str, report: Report | None = None, *, counting: bool = False
+) -> list[LawResult]:
+    """Hold an estimator, given as a function of a capture, to every law; as `estimator_laws.check_laws`. `counting`: of an
+    estimator that reads waveforms of single photons only."""
     from .captures.hide import hide_truth
 
     def made(**options: Any) -> xr.Dataset:
-        return hide_truth(made_up_ranger(modality, **options))
+        return hide_truth(made_up_ranger(modality, counting=counting, **options))
 
-    laws: dict[str, Callable[[], str]] = {
-        "same answer twice": lambda: _repeats(run, made),
-        "leaves its input alone": lambda: _leaves_input(run, made),
-        "shift: a later zero of time, farther ranges": lambda: _shift(run, made),
-        "shots do not depend on their order": lambda: _permutation(run, made),
-        "finite or invalid: all zero": lambda: _hard(run, made, 0),
-        "finite or invalid: saturated": lambda: _hard(run, made, 65535),
-        "finite or invalid: constant": lambda: _hard(run, made, 100),
-    }
-    results = []
-    for name, law in laws.items():
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                problem = law()
-        except Exception as error:  # an estimator is a stranger's code: whatever it raises is a result
-            problem = f"{type(error).__name__}: {error}"
-        results.append(LawResult(name, not problem, problem or "holds"))
-    return results
+    return judged({name: partial(law, run, made) for name, law in RANGER_LAWS.items()}, report)
 
 
 def _repeats(run: Run, made: Callable[..., xr.Dataset]) -> str:
@@ -143,3 +137,14 @@ def _hard(run: Run, made: Callable[..., xr.Dataset], value: int) -> str:
     valid = result["valid"].values
     bad = valid & ~(np.isfinite(result["range"].values) & (result["sigma"].values > 0))
     return f"{int(bad.sum())} shots are called valid without a finite range and a positive sigma" if bad.any() else ""
+
+
+RANGER_LAWS: dict[str, Callable[[Run, Callable[..., xr.Dataset]], str]] = {
+    "same answer twice": _repeats,
+    "leaves its input alone": _leaves_input,
+    "shift: a later zero of time, farther ranges": _shift,
+    "shots do not depend on their order": _permutation,
+    "finite or invalid: all zero": partial(_hard, value=0),
+    "finite or invalid: saturated": partial(_hard, value=65535),
+    "finite or invalid: constant": partial(_hard, value=100),
+}

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from .output import check_free, claim, slug
 
 if TYPE_CHECKING:
     from .benchmarks.break_run import BreakResult
@@ -40,30 +39,24 @@ def break_(
     Other arguments:
         overrides: {path: value} of every scene. side: rows and columns of the captures.
         factor: how many times worse than the best neighbour (and than itself usually) counts as a failure.
-        budget: candidates judged. seed: of search and captures. out: folder. overwrite: replace an earlier one.
+        budget: candidates judged. seed: of search and captures. out: folder. overwrite: replace an earlier one, once
+            the new one is complete.
         progress: told of every candidate. command: what was typed, for run.json.
 
     Raises:
         InputError: bad input, before anything is searched.
     """
-    from .benchmarks.break_run import break_estimator
-    from .benchmarks.estimator_labels import check_estimators
+    from .benchmarks.break_run import break_estimator, plan_break
+    from .benchmarks.kinds import BREAK, slug
     from .benchmarks.progress import silent
+    from .benchmarks.workplace import output_folder, workplace
 
-    (target,) = check_estimators([name])
-    check_free(out, overwrite=overwrite)
-    folder = claim(out, f"break-{slug(target.name)}", overwrite=overwrite)
-    folder.mkdir(parents=True, exist_ok=True)
-    return break_estimator(
-        name,
-        folder,
-        neighbours=tuple(neighbours or ()),
-        scenes=tuple(scenes or ()),
-        overrides=overrides,
-        side=side,
-        factor=factor,
-        budget=budget,
-        seed=seed,
-        progress=progress or silent,
-        command=list(command),
-    )
+    plan = plan_break(
+        name, neighbours=tuple(neighbours or ()), scenes=tuple(scenes or ()), overrides=overrides, side=side,
+        factor=factor, budget=budget, seed=seed,
+    )  # fmt: skip
+    folder = output_folder(out, f"break-{slug(plan.target.name)}", resume=False, overwrite=overwrite)
+    with workplace(folder, BREAK, overwrite=overwrite) as work:
+        result = break_estimator(plan, work, progress=progress or silent, command=list(command))
+    spec = folder / result.spec.name if result.spec is not None else None
+    return replace(result, out=folder, spec=spec)

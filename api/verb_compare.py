@@ -106,7 +106,7 @@ def _check_versions(runs: list[dict[str, Any]], where: str) -> None:
     found = [run.get("tables_version", 1) for run in runs if run]
     if len(set(found)) > 1:
         raise InputError(
-            "The tables were made by different contracts: what counts as failed has changed between them.",
+            "The tables were made by different contracts: what the columns mean has changed between them.",
             where=where,
             value=", ".join(f"tables_version {version}" for version in found),
             allowed="equal versions",

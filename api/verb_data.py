@@ -62,10 +62,10 @@ def data_verify(data: str | Path) -> list[Damage]:
 
 
 def data_repair(data: str | Path, *, overwrite: bool = False) -> Recovery:
-    """Drop the damaged captures of a store; the sound ones keep their order.
+    """Drop the damaged captures of a store; the sound ones keep their order, and the files dropped stay in NAME.dropped.
 
     Raises:
-        InputError: nothing there, damaged metadata, or no sound capture.
+        InputError: nothing there, a file that cannot be read, damaged metadata, or no sound capture.
     """
     from .captures.store import repair
 

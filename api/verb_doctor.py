@@ -9,38 +9,15 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
 
 __all__ = ["Finding", "doctor"]
 
-_REQUIRED = (
-    "numpy",
-    "scipy",
-    "numba",
-    "xarray",
-    "zarr",
-    "h5py",
-    "pydantic",
-    "pandas",
-    "pyarrow",
-    "trimesh",
-    "openimageio",
-    "altair",
-    "vl-convert-python",
-    "jinja2",
-    "rich",
-    "cyclopts",
-    "psutil",
-    "rtree",
-)
-_RENDERING = ("mitsuba", "drjit")
-#: What each extra adds, as `pip install 'beambench[extra]'`.
-_EXTRAS = {
-    "preview": ("pyrender",),
-    "peers": ("mitransient", "iminuit"),
-    "dask": ("dask",),
-    "drivers": ("pyvisa", "pyvisa-py"),
-    "test": ("pytest", "pytest-xdist", "hypothesis", "mypy", "ruff", "build"),
-}
+#: Without these the rest still works: score, report and gate do not render.
+_RENDERING = ("mitsuba", "drjit", "mitransient", "karellen-llvm-core")
 #: Below this a quickstart run may not fit.
 _DISK_BYTES = 2 * 2**30
 
@@ -84,14 +61,52 @@ def _python() -> list[Finding]:
     ]
 
 
+def _needs() -> dict[str, list[Requirement]] | None:
+    """What the package says that it needs here: by extra, "" for what is always needed; None where it is not installed.
+
+    Requirements for other platforms are left out.
+    """
+    from importlib.metadata import PackageNotFoundError, metadata, requires
+
+    from packaging.requirements import Requirement
+
+    try:
+        told, extras = requires("beambench") or [], metadata("beambench").get_all("Provides-Extra") or []
+    except PackageNotFoundError:
+        return None
+    needs: dict[str, list[Requirement]] = {"": []} | {extra: [] for extra in extras}
+    for requirement in map(Requirement, told):
+        marker = requirement.marker
+        if marker is None or marker.evaluate({"extra": ""}):
+            needs[""].append(requirement)
+            continue
+        for extra in extras:
+            if marker.evaluate({"extra": extra}):
+                needs[extra].append(requirement)
+    return needs
+
+
+def _trouble(requirement: Requirement) -> str:
+    """Why a package does not meet its requirement, "" where it does."""
+    version = _version(requirement.name)
+    if version is None:
+        return "not installed"
+    if not requirement.specifier.contains(version, prereleases=True):
+        return f"{version}, where {requirement.specifier} is needed"
+    return ""
+
+
 def _packages() -> list[Finding]:
+    needs = _needs()
+    if needs is None:
+        text = "beambench is not installed as a package: what it needs is not known"
+        return [Finding("packages", "requirements", "warning", text, "pip install beambench")]
     found = []
-    for name in (*_REQUIRED, *_RENDERING):
-        version = _version(name)
-        advice = "" if version else f"pip install {name}"
-        # score, report and gate do not render: without a renderer the rest still works.
-        absent = "warning" if name in _RENDERING else "broken"
-        found.append(Finding("packages", name, "ok" if version else absent, version or "not installed", advice))
+    for requirement in sorted(needs[""], key=lambda one: one.name.lower()):
+        name, trouble = requirement.name, _trouble(requirement)
+        bad = "warning" if name in _RENDERING else "broken"
+        advice = f"pip install '{name}{requirement.specifier}'" if trouble else ""
+        found.append(Finding("packages", name, bad if trouble else "ok", trouble or _version(name) or "", advice))
     return found
 
 
@@ -112,7 +127,7 @@ print("\\n" + json.dumps(told))
 def _rendering() -> Finding:
     import json
 
-    if any(_version(name) is None for name in _RENDERING):
+    if any(_version(name) is None for name in ("mitsuba", "drjit")):
         return Finding(
             "rendering",
             "backend",
@@ -174,13 +189,16 @@ def _caches() -> list[Finding]:
 
 def _extras() -> list[Finding]:
     found = []
-    for extra, packages in _EXTRAS.items():
-        absent = [name for name in packages if _version(name) is None]
-        if absent:
-            text = f"not installed: {', '.join(absent)}"
-            found.append(Finding("extras", extra, "missing", text, f"pip install 'beambench[{extra}]'"))
+    for extra, requirements in (_needs() or {}).items():
+        if not extra:
+            continue
+        troubles = [f"{one.name} {trouble}" for one in requirements if (trouble := _trouble(one))]
+        if troubles:
+            advice = f"pip install 'beambench[{extra}]'"
+            found.append(Finding("extras", extra, "missing", "; ".join(troubles), advice))
         else:
-            found.append(Finding("extras", extra, "ok", ", ".join(f"{name} {_version(name)}" for name in packages)))
+            text = ", ".join(f"{one.name} {_version(one.name)}" for one in requirements)
+            found.append(Finding("extras", extra, "ok", text))
     return found
 
 

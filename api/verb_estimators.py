@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .output import check_free, claim
+from .output import check_free, claim, is_package
 
 if TYPE_CHECKING:
-    from .estimator_laws import LawResult
+    from .estimator_laws import LawResult, Report
 
-__all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train"]
+__all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train", "laws_of"]
 
 #: The laws behind the range-gated stack; other modalities have none yet to check a plug-in with.
 _CHECKED = "gated"
@@ -99,7 +99,8 @@ def estimators_check(estimator: str) -> list[LawResult]:
     """Hold an estimator to the laws of the registry on a small made-up stack.
 
     It repeats itself, leaves its input alone, follows a shift of the delays, does not depend on the order of pixels,
-    and is finite or invalid near every singularity.
+    and is finite or invalid near every singularity. A plug-in is tried in a process of its own: one that ends it, or that
+    takes over `law_trial.LAW_LIMIT_S` for a law, breaks that law.
 
     Main arguments:
         estimator: label, `name` or `name[key=value,...]`.
@@ -107,17 +108,36 @@ def estimators_check(estimator: str) -> list[LawResult]:
     Raises:
         InputError: no such estimator or parameter, or one of a modality that has no laws here.
     """
-    from .estimator_laws import check_laws
+    from .estimators import BUILTIN, parse_label
+    from .law_trial import try_laws
+
+    name, _ = parse_label(estimator)
+    if name in BUILTIN:
+        _, judge = laws_of(estimator)
+        return judge(None)
+    return try_laws(estimator)
+
+
+def laws_of(estimator: str) -> tuple[list[str], Callable[[Report | None], list[LawResult]]]:
+    """The names of the laws for an estimator's modality, and the function that tries them. Imports the estimator.
+
+    Raises InputError as `estimators_check`.
+    """
+    from .benchmarks.estimator_labels import check_estimators
+    from .estimator_laws import LAWS, check_laws
     from .estimators import get_estimator, parse_label
     from .estimators.labels import check_parameters
-    from .ranger_laws import RANGERS, check_ranger_laws
+    from .ranger_laws import RANGER_LAWS, RANGERS, check_ranger_laws
     from .scenes.errors import InputError
 
-    name, params = parse_label(estimator)
+    (chosen,) = check_estimators([estimator])
+    name, params = parse_label(chosen.label)
     found = get_estimator(name)
     checked = check_parameters(found.function, params, where=name)
+    run = partial(found, **checked)
     if found.modality in RANGERS:
-        return check_ranger_laws(partial(found, **checked), found.modality)
+        counting = ("detector.readout.kind", "single-photon") in found.needs
+        return list(RANGER_LAWS), lambda report: check_ranger_laws(run, found.modality, report, counting=counting)
     if found.modality != _CHECKED:
         raise InputError(
             "There are no laws for this modality.",
@@ -125,7 +145,7 @@ def estimators_check(estimator: str) -> list[LawResult]:
             value=found.modality,
             allowed=", ".join((_CHECKED, *RANGERS)),
         )
-    return check_laws(partial(found, **checked))
+    return list(LAWS), lambda report: check_laws(run, report)
 
 
 def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool = False) -> Path:
@@ -152,7 +172,7 @@ def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool 
         raise InputError(
             "There is an estimator of this name.", where="name", value=name, next_step="beambench estimators list"
         )
-    folder = claim(out, name, overwrite=overwrite)
+    folder = claim(out, name, overwrite=overwrite, ours=is_package)
     package = f"beambench_{module}"
     files = {
         "pyproject.toml": _PYPROJECT.format(name=name, package=package, module=module),
@@ -195,9 +215,17 @@ def estimators_train(
         InputError: data that cannot be used, or an output that exists.
     """
     from .estimators.train import train
+    from .scenes.errors import InputError
 
+    paths = [data] if isinstance(data, str | Path) else data
+    if not isinstance(paths, Sequence) or not paths or not all(isinstance(path, str | Path) for path in paths):
+        raise InputError(
+            "Data to train on are given by their paths.", where="data", value=data, allowed="a path, or a list of paths",
+            next_step="beambench generate learned-training -o training",
+        )  # fmt: skip
+    if not isinstance(out, str | Path):
+        raise InputError("The weights go to a file.", where="out", value=out, allowed="a path, as w.npz")
     check_free(out, overwrite=overwrite)
-    paths = [data] if isinstance(data, str | Path) else list(data)
     return train(paths, Path(out).expanduser(), units=units, ridge=ridge, seed=seed)
 
 

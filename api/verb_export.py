@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +18,8 @@ def export(
 
     Datasets with a leading capture axis: the measured variable and its coordinates (e.g. `counts` (capture, slice, row,
     col), `delay` (capture, slice)), each with attribute `units`; `rig` (capture), the declared instrument as JSON text.
-    Attributes: `schema_version`, `modality`, `averaged`. No truth, no seed, nothing that tells of either.
+    Attributes: `schema_version`, `modality`, `averaged`, `captures_sha256` (to be copied into estimates, which ties them to
+    these captures). No truth, no seed, nothing that tells of either.
 
     Main arguments:
         data: a store of captures. to: the format.
@@ -27,13 +27,14 @@ def export(
         out: the file; ./beambench-runs/<name>-<time>.h5 by default. overwrite: replace an HDF5 file there.
 
     Raises:
-        InputError: no store, another format, or an output that exists.
+        InputError: no store, another format, an output that exists, or a full disk (nothing is left then).
     """
     import h5py
     import numpy as np
 
     from .captures.hide import hide_truth
     from .captures.store import open_captures
+    from .hdf5_file import hdf5_output
     from .scenes.errors import InputError
 
     if to != "hdf5":
@@ -44,8 +45,9 @@ def export(
     if path.exists() and (path.is_dir() or not h5py.is_hdf5(path)):
         raise InputError("What is there is no HDF5 file, so it is not replaced.", where=str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    with h5py.File(partial, "w") as file:
+    with hdf5_output(path) as output:
+        file = output.h5
+        file.attrs["captures_sha256"] = captures.sha256
         rigs: list[str] = []
         for index in range(len(captures)):
             seen = hide_truth(captures[index])
@@ -67,8 +69,8 @@ def export(
                     dataset.attrs["units"] = str(variable.attrs.get("units", ""))
                     dataset.attrs["dims"] = " ".join(["capture", *map(str, variable.dims)])
                 file[name][index] = values
+                output.check()
             rig = seen.attrs["rig"]
             rigs.append(rig if isinstance(rig, str) else json.dumps(rig))
         file.create_dataset("rig", data=rigs, dtype=h5py.string_dtype())
-    os.replace(partial, path)
     return path

@@ -27,14 +27,15 @@ def fidelity(
     Main arguments:
         scenes: how many. seed: names the draws.
     Other arguments:
-        out: folder; ./beambench-runs/fidelity-<time> by default. overwrite: replace the tables of an earlier measurement.
+        out: folder; ./beambench-runs/fidelity-<time> by default. overwrite: replace an earlier measurement, once the
+            new one is complete.
         resume: go on with one that was interrupted. progress: told one line per scene.
 
     Writes fidelity.csv (a row for each scene, rung and limit), policies.csv (shares within the limit and cost of always-full,
     always-cheapest and auto), fidelity.json (the rule, right rungs, references of every scene) and fidelity.svg.
 
     Raises:
-        InputError: no scene, a negative seed, results that exist already, or to resume a measurement of another seed.
+        InputError: no scene, a negative seed, an output that exists, or to resume a measurement of another seed.
     """
     from .benchmarks.fidelity import run_fidelity
     from .scenes.errors import InputError
@@ -43,9 +44,4 @@ def fidelity(
         raise InputError("At least one scene is needed.", where="scenes", value=scenes, allowed="1, 2, 3, …")
     if seed < 0:
         raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
-    if out is not None and not (overwrite or resume) and (Path(out) / "fidelity.csv").exists():
-        raise InputError(
-            "This folder holds a measurement already.", where="--out", value=str(out),
-            next_step="add --resume or --overwrite",
-        )  # fmt: skip
-    return run_fidelity(scenes, seed, out, progress, resume=resume)
+    return run_fidelity(scenes, seed, out, progress, resume=resume, overwrite=overwrite)

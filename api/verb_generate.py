@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
+from .generate_items import Fidelity, Item, Rtol, check_items, difference, items_of, planned, recorded
 from .output import default_out
 
 if TYPE_CHECKING:
@@ -43,26 +43,13 @@ class Generated:
         return all(item.equal for item in self.comparison)
 
 
-@dataclass(frozen=True)
-class _Item:
-    """One capture to make."""
-
-    scene: Scene
-    seed: int
-    key: int | None
-    fidelity: Literal["direct", "scatter", "full", "auto"]
-    rtol: float | Literal["noise"]
-    truth_electrons: bool
-    truth_components: bool = False
-
-
 def generate(
     source: str | Path | Mapping[str, Any] | Scene | None = None,
     *,
     overrides: Mapping[str, Any] | None = None,
-    seeds: Sequence[int] = (0,),
-    fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
-    rtol: float | Literal["noise"] | None = None,
+    seeds: Sequence[int] | None = None,
+    fidelity: Fidelity | None = None,
+    rtol: Rtol | None = None,
     truth_electrons: bool = False,
     truth_components: bool = False,
     like: str | Path | None = None,
@@ -79,109 +66,89 @@ def generate(
             captures as written, one store per scene inside the folder `out`.
         overrides: {path: value}, applied before validation.
     Other arguments:
-        seeds: for a scene.
+        seeds: for a scene; 0 by default. A suite has its own.
         fidelity, rtol: rung of the forward model, and the relative error aimed at; by default the suite's, or "direct"
             and 1e-3. rtol "noise", for fidelity "auto": below one standard deviation of the detector's noise.
         truth_electrons: keep the noise-free expectation of each sample as well.
         truth_components: keep the stacks that the lamp's light is the sum of as well: `truth_direct`,
             `truth_interreflection`, `truth_single` and `truth_multiple`; with fidelity "full" of gated scenes only.
         like: a store to repeat from its own records; the new captures are compared with it value by value, and written
-            only if `out` is given.
+            only if `out` is given. Files of its scene are looked for beside it and in the current folder, or where
+            `overrides` tells, e.g. {"target.0.shape.file": path}; their sha256 is compared first.
         plan: tell what would be made, and make nothing.
-        out, resume, overwrite: where to write, and what to do where that exists.
+        out: where to write. resume: go on with an unfinished store, and leave complete ones as they are; all that is
+            there must be what is asked for. overwrite: replace what is there.
 
     Raises:
-        InputError: bad input, or an output that exists.
+        InputError: bad input, an output that exists, or one to resume that holds other captures.
     """
     from .benchmarks.progress import silent
-    from .scenes.errors import InputError
+    from .captures.publish import refuse_existing
 
-    if (source is None) == (like is None):
-        raise InputError("Give either a scene or suite, or --like STORE.", where="generate", allowed="one of the two")
+    tell = progress or silent
     if like is not None:
-        return _repeat(Path(like), plan, out, overwrite, progress or silent)
-    groups = _items(source, dict(overrides or {}), seeds, fidelity, rtol, truth_electrons, truth_components)
-    planned = [_planned(item) for items in groups.values() for item in items]
+        given = {
+            "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,
+            "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
+        }  # fmt: skip
+        _refuse_beside_like([name for name, value in given.items() if value is not None and value is not False])
+        return _repeat(Path(like).expanduser(), dict(overrides or {}), plan, out, overwrite, tell)
+    _check_request(source, out, resume, overwrite)
+    groups = items_of(source, dict(overrides or {}), seeds, fidelity, rtol, truth_electrons, truth_components)
+    outline = [planned(item, name) for name, items in groups.items() for item in items]
     if plan:
-        return Generated(planned)
+        return Generated(outline)
     single = len(groups) == 1 and "" in groups
     base = (
         Path(out).expanduser()
         if out is not None
         else default_out(next(iter(groups.values()))[0].scene.name if single else str(source))
     )
-    paths = []
+    paths = {name: base if single else base / f"{name}.zarr" for name in groups}
+    # All that is there is looked at before the first capture is made.
+    for path in paths.values():
+        if not resume:
+            refuse_existing(path, overwrite)
+    finished = {name for name, items in groups.items() if resume and _complete(paths[name], items)}
     done = 0
     for name, items in groups.items():
-        path = base if single else base / f"{name}.zarr"
-        paths.append(_write(path, items, resume, overwrite, progress or silent, done, len(planned)))
+        if name not in finished:
+            _write(paths[name], items, resume, overwrite, tell, done, len(outline))
         done += len(items)
-    return Generated(planned, paths)
+    return Generated(outline, list(paths.values()))
 
 
-def _items(
-    source: Any,
-    overrides: dict[str, Any],
-    seeds: Sequence[int],
-    fidelity: Literal["direct", "scatter", "full", "auto"] | None,
-    rtol: float | Literal["noise"] | None,
-    electrons: bool,
-    components: bool,
-) -> dict[str, list[_Item]]:
-    """Captures to make by store; the one store of a scene has the name ""."""
-    from .benchmarks.suite import CELL_NONE, cells_of, load_suite
-    from .scenes.load import load_scene
+def _refuse_beside_like(names: list[str]) -> None:
+    from .scenes.errors import InputError
 
-    if _is_suite(source):
-        loaded = load_suite(source, overrides)
-        rung: Any = fidelity or loaded.suite.fidelity
-        aimed: Any = loaded.suite.rtol if rtol is None else rtol
-        groups: dict[str, list[_Item]] = {}
-        for cell in cells_of(loaded):
-            if cell.stress == CELL_NONE:
-                item = _Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons, components)
-                groups.setdefault(cell.scene_name, []).append(item)
-        return groups
-    scene = load_scene(source, overrides)
-    aimed = 1e-3 if rtol is None else rtol
-    rung = fidelity or "direct"
-    return {"": [_Item(scene, seed, None, rung, aimed, electrons, components) for seed in seeds]}
+    if names:
+        raise InputError(
+            "--like repeats a store from its own records; nothing of them can be changed.",
+            where="--like",
+            value=", ".join(names),
+            allowed="--plan, --out, --overwrite, and --set for where a file of its scene lies",
+            next_step="leave them out, or generate from the scene",
+        )
 
 
-def _is_suite(source: Any) -> bool:
-    from .benchmarks.suite import list_suites
-    from .scenes.load import list_scenes, read_spec_file
+def _check_request(source: Any, out: str | Path | None, resume: bool, overwrite: bool) -> None:
+    from .scenes.errors import InputError
 
-    if not isinstance(source, str | Path):
-        return False
-    path = Path(source).expanduser()
-    if path.suffix in {".toml", ".json"} and path.is_file():
-        return "scenes" in read_spec_file(path)
-    return str(source) in list_suites() and str(source) not in list_scenes()
-
-
-def _planned(item: _Item) -> dict[str, Any]:
-    from .scenes.scene import sizes_of
-
-    slices, rows, cols = sizes_of(item.scene)
-    return {
-        "scene": item.scene.name,
-        "seed": item.seed,
-        "slices": slices,
-        "rows": rows,
-        "cols": cols,
-        "bytes": 2 * slices * rows * cols,
-        "fidelity": item.fidelity,
-        "rtol": item.rtol,
-    }
+    if source is None:
+        raise InputError("Give either a scene or suite, or --like STORE.", where="generate", allowed="one of the two")
+    if resume and overwrite:
+        raise InputError("Both --resume and --overwrite are given.", where="--resume", allowed="one of them")
+    if resume and out is None:
+        raise InputError(
+            "--resume needs the store to go on with.", where="--out", next_step="add --out STORE, an earlier output"
+        )
 
 
-def _write(
-    path: Path, items: list[_Item], resume: bool, overwrite: bool, tell: Progress, done: int, total: int
-) -> Path:
+def _write(path: Path, items: list[Item], resume: bool, overwrite: bool, tell: Progress, done: int, total: int) -> Path:
     from .captures.store import CaptureWriter
 
     with CaptureWriter(path, overwrite=overwrite, resume=resume) as writer:
+        _check_kept(str(writer.partial), [writer.attributes(index) for index in range(writer.count)], items)
         for position, item in enumerate(items):
             tell("generate", done + position, total, item.scene.name)
             if position >= writer.count:
@@ -190,13 +157,53 @@ def _write(
     return path
 
 
-def _make(item: _Item) -> xr.Dataset:
+def _complete(path: Path, items: list[Item]) -> bool:
+    """Whether the store is there in full and holds exactly `items`. Raises InputError where it holds anything else."""
+    from .captures.publish import is_store, partial_of
+    from .captures.store import open_captures
+    from .scenes.errors import InputError
+
+    if not is_store(path) or is_store(partial_of(path)):
+        return False  # nothing to go on with, or begun anew: the writer tells what is in the way
+    captures = open_captures(path)
+    _check_kept(str(path), [captures.attributes(index) for index in range(len(captures))], items)
+    if len(captures) < len(items):
+        raise InputError(
+            "The store is complete and holds fewer captures than are asked for.",
+            where=str(path),
+            value=len(captures),
+            allowed=str(len(items)),
+            next_step="choose another --out for the new captures, or give --overwrite",
+        )
+    return True
+
+
+def _check_kept(where: str, kept: list[dict[str, Any]], items: list[Item]) -> None:
+    """Refuse to go on with captures that are not the ones asked for: a store would mix two data sets."""
+    from .scenes.errors import InputError
+
+    for index, attrs in enumerate(kept):
+        found = difference(items[index], attrs) if index < len(items) else f"only {len(items)} captures are asked for"
+        if found:
+            raise InputError(
+                f"What is there is not what is asked for: capture {index}: {found}.",
+                where=where,
+                allowed="--resume with the same scene, seeds and options as before",
+                next_step="choose another --out",
+            )
+
+
+def _make(item: Item) -> xr.Dataset:
+    from .captures.sources import bare_scene
+    from .generator.generate import capture_key_of
     from .generator.generate import generate as make
 
+    # The folder of a mesh has no part in the key: the same scene file gives the same noise wherever it lies.
+    key = capture_key_of(bare_scene(item.scene.model_dump(mode="json"))) if item.key is None else item.key
     return make(
         item.scene,
         seed=item.seed,
-        capture_key=item.key,
+        capture_key=key,
         fidelity=item.fidelity,
         rtol=item.rtol,
         truth_electrons=item.truth_electrons,
@@ -204,16 +211,23 @@ def _make(item: _Item) -> xr.Dataset:
     )
 
 
-def _repeat(like: Path, plan: bool, out: str | Path | None, overwrite: bool, tell: Progress) -> Generated:
+def _repeat(
+    like: Path, given: dict[str, Any], plan: bool, out: str | Path | None, overwrite: bool, tell: Progress
+) -> Generated:
     """Make a store again from the scene and the arguments that each capture records, and compare."""
     from .captures.compare import compare_captures
     from .captures.store import open_captures, write
 
     captures = open_captures(like)
-    items = [_recorded(captures.attributes(index), f"{like}, capture {index}") for index in range(len(captures))]
-    planned = [_planned(item) for item in items]
+    places = (like.resolve().parent, Path.cwd())
+    items = [
+        recorded(captures.attributes(index), f"{like}, capture {index}", places, given)
+        for index in range(len(captures))
+    ]
+    check_items(items)
+    outline = [planned(item) for item in items]
     if plan:
-        return Generated(planned)
+        return Generated(outline)
     comparison = []
 
     def remade() -> Iterator[xr.Dataset]:
@@ -227,31 +241,6 @@ def _repeat(like: Path, plan: bool, out: str | Path | None, overwrite: bool, tel
     if out is None:
         for _ in remade():
             pass
-        return Generated(planned, [], comparison)
+        return Generated(outline, [], comparison)
     path = write(Path(out).expanduser(), remade(), overwrite=overwrite)
-    return Generated(planned, [path], comparison)
-
-
-def _recorded(attrs: Mapping[str, Any], where: str) -> _Item:
-    from .scenes.errors import InputError
-    from .scenes.load import load_scene
-
-    try:
-        arguments = json.loads(attrs["provenance"])["arguments"]
-        scene = load_scene(json.loads(attrs["truth_scene"]))
-        return _Item(
-            scene,
-            int(arguments["seed"]),
-            int(arguments["capture_key"]),
-            arguments["fidelity"],
-            "noise" if arguments["rtol"] == "noise" else float(arguments["rtol"]),
-            bool(arguments["truth_electrons"]),
-            bool(arguments.get("truth_components", False)),
-        )
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
-        raise InputError(
-            "The capture does not record how it was generated.",
-            where=where,
-            value=str(error),
-            allowed="a capture that `beambench generate` made",
-        ) from error
+    return Generated(outline, [path], comparison)

@@ -27,12 +27,19 @@ def reproduce(
     Main arguments:
         out: folder; ./beambench-runs/reproduce-<time> by default.
     Other arguments:
-        overwrite: replace an earlier output. pictures: draw charts and surfaces. progress: told of each part.
+        overwrite: replace an earlier output, once the new one is complete. pictures: draw charts and surfaces.
+        progress: told of each part.
 
     Raises:
         InputError: the output exists, or cannot be written.
     """
-    from .benchmarks.reproduce.run import reproduce as run
-    from .output import claim
+    from dataclasses import replace
 
-    return run(claim(out, "reproduce", overwrite=overwrite), pictures=pictures, say=progress)
+    from .benchmarks.kinds import REPRODUCE
+    from .benchmarks.reproduce.run import reproduce as run
+    from .benchmarks.workplace import output_folder, workplace
+
+    folder = output_folder(out, "reproduce", resume=False, overwrite=overwrite)
+    with workplace(folder, REPRODUCE, overwrite=overwrite) as work:
+        result = run(work, pictures=pictures, say=progress)
+    return replace(result, out=folder, page=folder / result.page.name)

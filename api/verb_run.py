@@ -41,10 +41,13 @@ def run(
     Raises:
         InputError: bad input, before anything is generated. A failing estimator is a row with its status, no error.
     """
+    from .benchmarks.estimator_labels import check_estimators
     from .benchmarks.progress import silent
     from .benchmarks.run import run_suite
 
     changes = dict(overrides or {})
+    if isinstance(estimators, str):
+        check_estimators(estimators)  # which refuses it: its letters would pass for a list of labels
     if estimators:
         changes["estimators"] = list(estimators)
     return run_suite(

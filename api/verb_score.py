@@ -7,8 +7,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .output import check_free, claim
-
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -35,19 +33,32 @@ def score(
         failure_at: |error| in m above which an element has failed; by default half the response's width.
 
     Raises:
-        InputError: no store, no truth, no estimates, estimates that do not fit, two of one name, an output that exists.
+        InputError: no store, no truth, no estimates, estimates that do not fit, two of one name, an output that
+            exists or is an input.
     """
+    from .benchmarks.kinds import SCORE, slug
+    from .benchmarks.report_data import read_scores
+    from .benchmarks.tables import write_tables
+    from .benchmarks.workplace import output_folder, workplace
+
+    folder = output_folder(out, slug(Path(f"scores-{Path(data).name}").stem), resume=False, overwrite=overwrite)
+    with workplace(folder, SCORE, overwrite=overwrite, inputs=[data, estimates]) as work:
+        write_tables(work, _rows(data, estimates, failure_at))
+    table_of_scores = read_scores(folder)
+    table_of_scores.attrs["folder"] = str(folder)
+    return table_of_scores
+
+
+def _rows(data: str | Path, estimates: str | Path, failure_at: float | None) -> list[dict[str, Any]]:
+    """Rows of scores.csv: every file of estimates on every capture."""
     from .benchmarks.bounds.dispatch import SCORED, bound_of
     from .benchmarks.protocol import RESULT
-    from .benchmarks.report_data import read_scores
     from .benchmarks.score import score_rows, truth_of
-    from .benchmarks.tables import write_tables
     from .captures.store import open_captures
     from .estimates import list_estimates, read_estimates
     from .estimators.labels import parse_label
     from .scenes.errors import InputError
 
-    check_free(out, overwrite=overwrite)
     captures = open_captures(data)
     first = captures.load(0)
     if captures.modality not in SCORED:
@@ -56,7 +67,10 @@ def score(
             allowed=", ".join(SCORED),
         )  # fmt: skip
     shape = tuple(int(first.sizes[dim]) for dim in RESULT[captures.modality][1])
-    tables = [read_estimates(path, len(captures), shape) for path in list_estimates(Path(estimates))]
+    tables = [
+        read_estimates(path, len(captures), shape, modality=captures.modality, captures_sha256=captures.sha256)
+        for path in list_estimates(Path(estimates))
+    ]
     labels = [table.label for table in tables]
     if len(set(labels)) != len(labels):
         raise InputError("Two files of estimates have the same label.", where=str(estimates), value=labels)
@@ -100,12 +114,7 @@ def score(
                 failure_at=failure_at,
                 modality=captures.modality,
             )
-    folder = claim(out, f"scores-{Path(data).name}", overwrite=overwrite)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_tables(folder, rows)
-    table_of_scores = read_scores(folder)
-    table_of_scores.attrs["folder"] = str(folder)
-    return table_of_scores
+    return rows
 
 
 def _scene_name(attrs: dict[str, Any], index: int) -> str:

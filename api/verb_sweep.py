@@ -47,10 +47,13 @@ def sweep(
     Raises:
         InputError: bad input, before anything is generated.
     """
+    from .benchmarks.estimator_labels import check_estimators
     from .benchmarks.progress import silent
     from .benchmarks.sweep import sweep_suite
 
     changes = dict(overrides or {})
+    if isinstance(estimators, str):
+        check_estimators(estimators)  # which refuses it: its letters would pass for a list of labels
     if estimators:
         changes["estimators"] = list(estimators)
     return sweep_suite(

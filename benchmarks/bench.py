@@ -210,25 +210,17 @@ def _key(cell: Cell) -> tuple[Any, ...]:
 def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> list[Trial]:
     """Count the failures of one scene at one level, seed by seed, by mode.
 
-    A failed element is biased if its median error in the other seeds is at least half of its error, on the same side;
-    else it is an outlier. With one seed the two are told apart by whether the element is within its limit once the
-    capture's median error is taken off. An element without an answer is a refusal; a capture without an estimate is a
-    crash of all its elements.
+    A failed element is biased if its displacement repeats: its usual error, the median over the other seeds, is at least
+    half of its error, on the same side, and clearly larger than the spread of errors about their usual ones over seeds
+    and failed elements (`_repeats`); else it is an outlier. With one seed the usual error is the capture's median, its
+    spread that over elements. An element without an answer is a refusal; a capture without an estimate is a crash of all
+    its elements.
     """
     fine = [answer for answer in answers if answer.status == "ok"]
     trials = []
     with np.errstate(invalid="ignore"):
         far = [answer.valid & ~(np.abs(answer.error) <= answer.limit) for answer in fine]
-        biased = []
-        for number, (bad, a) in enumerate(zip(far, fine, strict=True)):
-            others = [answer.error for other, answer in enumerate(fine) if other != number]
-            if others:
-                usual = _median(np.stack(others))
-                biased.append(bad & (usual * np.sign(a.error) >= 0.5 * np.abs(a.error)))
-            else:
-                centre = float(np.median(a.error[a.valid])) if a.valid.any() else 0.0
-                biased.append(bad & (np.abs(a.error - centre) <= a.limit))
-    counts = iter(zip(fine, far, biased, strict=True))
+    counts = iter(zip(fine, far, _repeats(fine, far), strict=True))
     for seed, answer in zip(seeds, answers, strict=True):
         n = int(answer.limit.size)
         if answer.status != "ok":
@@ -240,6 +232,39 @@ def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> li
             Trial(scene, seed, n, bias=displaced, outlier=int(bad.sum()) - displaced, refusal=int((~a.valid).sum()))
         )
     return trials
+
+
+#: Of a robust standard deviation: how far a displacement stands out from its spread, and how far errors lie about it.
+_STANDS_OUT = 2.0
+_LIES_WITHIN = 3.0
+_DEVIATIONS = 1.4826  # standard deviations of a normal law in its median absolute deviation
+
+
+def _repeats(fine: Sequence[Answer], far: Sequence[Bool]) -> list[Bool]:
+    """Which errors of each capture are displacements that repeat.
+
+    Independent errors all over a window of which the target is not in the middle have a median too; what they lack is a
+    median that is clear of their spread: 2 of its (robust) standard deviations, which a uniform law reaches nowhere.
+    """
+    if len(fine) == 1:
+        valid = fine[0].error[fine[0].valid]
+        usual = [np.full(far[0].shape, np.median(valid) if valid.size else 0.0)]
+        told = [fine[0].valid]
+    else:
+        rest = [np.stack([a.error for k, a in enumerate(fine) if k != number]) for number in range(len(fine))]
+        usual = [_median(others) for others in rest]
+        failed = np.logical_or.reduce(list(far)) if fine else np.zeros(0, bool)
+        told = [failed & a.valid & np.isfinite(others).any(axis=0) for a, others in zip(fine, rest, strict=True)]
+    off = [np.abs(a.error - centre) for a, centre in zip(fine, usual, strict=True)]
+    pooled = np.concatenate([values[mask] for values, mask in zip(off, told, strict=True)]) if fine else np.zeros(0)
+    spread = _DEVIATIONS * float(np.median(pooled)) if pooled.size else 0.0
+    found = []
+    with np.errstate(invalid="ignore"):
+        for a, centre, values in zip(fine, usual, off, strict=True):
+            half = centre * np.sign(a.error) >= 0.5 * np.abs(a.error)
+            near = values <= np.maximum(a.limit, _LIES_WITHIN * spread)
+            found.append(half & near & (np.abs(centre) > _STANDS_OUT * spread))
+    return found
 
 
 def _median(error: Float) -> Float:

@@ -15,9 +15,10 @@ from ..scenes.load import load_scene
 from ..scenes.scene import Scene
 from .bench import Bench
 from .break_space import Candidate, dimensions_of
-from .breaker import Search, search_and_shrink, suite_text
-from .estimator_labels import check_estimators
+from .breaker import search_and_shrink, suite_text
+from .estimator_labels import Chosen, check_estimators
 from .files import write_json, write_text
+from .kinds import BREAK
 from .progress import Progress, silent
 from .record import TABLES_VERSION, machine, now, versions
 from .skips import not_applicable, skip_reason
@@ -26,7 +27,7 @@ from .suite import CELL_NONE, Cell, capture_key
 from .suite_spec import Limits
 from .tables import to_csv
 
-__all__ = ["NEIGHBOURS", "SCENES", "BreakResult", "break_estimator"]
+__all__ = ["NEIGHBOURS", "SCENES", "BreakResult", "Plan", "break_estimator", "plan_break"]
 
 #: Who an estimator is measured against where nobody is named: one of each family.
 NEIGHBOURS = {
@@ -67,9 +68,11 @@ class BreakResult:
 class _Judge:
     """Badness of a candidate: log10 of the estimator's full RMSE over the best that anybody reaches."""
 
-    def __init__(self, bench: Bench, label: str, scenes: Mapping[str, Scene]) -> None:
+    def __init__(self, bench: Bench, label: str, scenes: Mapping[str, Scene], log: Path, seed: int) -> None:
         self.bench, self.label, self.scenes = bench, label, scenes
         self.impossible = 0
+        self._log, self._seed = log, seed
+        write_text(log, to_csv([], _COLUMNS))
 
     def cell(self, candidate: Candidate, seed: int) -> tuple[Cell, dict[str, Any]]:
         """The cell as `beambench run` makes it from the written spec, and the overrides."""
@@ -88,6 +91,13 @@ class _Judge:
         return {label: answer.row for label, answer in answers.items()}
 
     def __call__(self, candidate: Candidate, seed: int) -> float:
+        badness = self._judged(candidate, seed)
+        if seed == self._seed:  # as it goes, so that an interrupted search leaves what it judged
+            with open(self._log, "a", encoding="utf-8") as file:
+                file.write(_table([(candidate, badness)]).partition("\n")[2])
+        return badness
+
+    def _judged(self, candidate: Candidate, seed: int) -> float:
         try:
             rows = self.answers(candidate, seed)
         except InputError:  # levels that no scene can have together, or no element with a truth
@@ -109,9 +119,24 @@ class _Judge:
         return badness + (1.0 if mine["status"] != "ok" else 0.0)
 
 
-def break_estimator(
+@dataclass(frozen=True)
+class Plan:
+    """A search that can be made: its arguments, checked, and what they name."""
+
+    target: Chosen
+    others: list[Chosen]
+    scenes: tuple[str, ...]
+    loaded: dict[str, Scene]
+    base: dict[str, Any]
+    overrides: dict[str, Any]
+    side: int
+    factor: float
+    budget: int
+    seed: int
+
+
+def plan_break(
     name: str,
-    out: Path,
     *,
     neighbours: Sequence[str] = (),
     scenes: Sequence[str] = (),
@@ -120,33 +145,16 @@ def break_estimator(
     factor: float = 3.0,
     budget: int = 300,
     seed: int = 0,
-    time_limit_s: float = 30.0,
-    progress: Progress = silent,
-    command: Sequence[str] = (),
-) -> BreakResult:
-    """Search for a scene in which an estimator fails against its neighbours, and write it into `out`.
-
-    Main arguments:
-        name: the estimator's label. out: a folder that exists.
-    Other arguments:
-        neighbours: labels to compare with; `NEIGHBOURS` by default. scenes: names or paths, the plainest first; `SCENES`
-        by default. overrides: of every scene.
-        side: rows and columns of the captures (side² shots): small, since a find needs no resolution. factor, budget, seed: see
-        `search_and_shrink`. time_limit_s: per capture and estimator.
+) -> Plan:
+    """Check a search before anything is written; arguments as for `break_estimator`.
 
     Raises:
-        InputError: unknown estimator, scene or override, no neighbour, or a budget that is no number of candidates.
+        InputError: unknown estimator, scene or override, no neighbour, a negative seed, or a budget that is no number of
+            candidates.
     """
-    start, began = time.perf_counter(), now()
     (target,) = check_estimators([name])
-    scenes = scenes or SCENES[_modality(target.name)]
-    modalities = {load_scene(scene).modality for scene in scenes}
-    if len(modalities) != 1:
-        raise InputError("One search is over scenes of one kind.", where="scenes", value=sorted(modalities))
-    modality = modalities.pop()
-    others = [one for one in check_estimators(neighbours or NEIGHBOURS[modality]) if one.label != target.label]
-    if not others:
-        raise InputError("An estimator is judged against others.", where="neighbours", value=list(neighbours))
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError("A seed is a whole number, not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
     if not (1 <= budget <= 100_000 and factor > 1 and 2 <= side <= 1024):
         raise InputError(
             "The search cannot be made like this.",
@@ -154,15 +162,53 @@ def break_estimator(
             value=(budget, factor, side),
             allowed="budget 1 … 100000, factor over 1, side 2 … 1024",
         )
+    scenes = tuple(scenes or SCENES[_modality(target.name)])
+    modalities = {load_scene(scene).modality for scene in scenes}
+    if len(modalities) != 1:
+        raise InputError("One search is over scenes of one kind.", where="scenes", value=sorted(modalities))
+    modality = modalities.pop()
+    others = [one for one in check_estimators(neighbours or NEIGHBOURS[modality]) if one.label != target.label]
+    if not others:
+        raise InputError("An estimator is judged against others.", where="neighbours", value=list(neighbours))
     base = {**_size(modality, side), **(overrides or {})}
     loaded = {scene: load_scene(scene, base) for scene in scenes}
-    space = dimensions_of(list(loaded.values()))
+    return Plan(target, others, scenes, loaded, base, dict(overrides or {}), side, factor, budget, seed)
+
+
+def break_estimator(
+    name: str | Plan,
+    out: Path,
+    *,
+    time_limit_s: float = 30.0,
+    progress: Progress = silent,
+    command: Sequence[str] = (),
+    **arguments: Any,
+) -> BreakResult:
+    """Search for a scene in which an estimator fails against its neighbours, and write it into `out`.
+
+    Main arguments:
+        name: the estimator's label, or a plan that was checked before. out: a folder that exists.
+    Other arguments:
+        neighbours: labels to compare with; `NEIGHBOURS` by default. scenes: names or paths, the plainest first; `SCENES`
+        by default. overrides: of every scene.
+        side: rows and columns of the captures (side² shots): small, since a find needs no resolution. factor, budget, seed: see
+        `search_and_shrink`. time_limit_s: per capture and estimator.
+
+    search.csv is written as the search goes: what is interrupted leaves what it judged.
+
+    Raises:
+        InputError: as `plan_break`.
+    """
+    start, began = time.perf_counter(), now()
+    plan = plan_break(name, **arguments) if isinstance(name, str) else name
+    target, others, seed = plan.target, plan.others, plan.seed
+    space = dimensions_of(list(plan.loaded.values()))
     with Bench(
         [target, *others], Limits(time_s=time_limit_s, memory_bytes=2**31), suite=f"break-{target.name}"
     ) as bench:
-        judge = _Judge(bench, target.label, loaded)
+        judge = _Judge(bench, target.label, plan.loaded, out / "search.csv", seed)
         search = search_and_shrink(
-            judge, list(scenes), space, factor=factor, budget=budget, seed=seed, progress=progress
+            judge, list(plan.scenes), space, factor=plan.factor, budget=plan.budget, seed=seed, progress=progress
         )
         candidate, badness = (search.find.candidate, search.find.badness) if search.find else search.worst
         rows = list(judge.answers(candidate, seed).values())
@@ -176,16 +222,17 @@ def break_estimator(
             spec.stem,
             _note(target.label, candidate, rows),
             candidate.scene,
-            {**base, **changes},
+            {**plan.base, **changes},
             labels,
             seed,
             spec.name,
         )
         write_text(spec, text)
-    write_text(out / "search.csv", _table(search))
+    write_text(out / "search.csv", _table(search.seen))
     record = {
-        "estimator": target.label, "neighbours": [one.label for one in others], "scenes": list(scenes),
-        "overrides": dict(overrides or {}), "side": side, "factor": factor, "budget": budget, "seed": seed,
+        "verb": BREAK.verb, "estimator": target.label, "neighbours": [one.label for one in others],
+        "scenes": list(plan.scenes), "overrides": plan.overrides, "side": plan.side, "factor": plan.factor,
+        "budget": plan.budget, "seed": seed,
         "judged": search.judged, "captures": made, "impossible": judge.impossible, "found": search.find is not None,
         "scene": candidate.scene, "levels": dict(candidate.levels), "command": list(command), "started": began,
         "finished": now(), "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
@@ -224,7 +271,7 @@ def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -
     )
 
 
-def _table(search: Search) -> str:
+def _table(seen: Sequence[tuple[Candidate, float]]) -> str:
     """search.csv: every candidate with its badness, in the order of the search; impossible ones are left empty."""
     rows = [
         {
@@ -232,6 +279,6 @@ def _table(search: Search) -> str:
             "levels": " ".join(f"{axis}={level:g}" for axis, level in candidate.levels),
             "badness": badness if math.isfinite(badness) else math.nan,
         }
-        for candidate, badness in search.seen
+        for candidate, badness in seen
     ]
     return to_csv(rows, _COLUMNS)

@@ -128,15 +128,19 @@ def _save(result: Any, folder: Path, shape: list[int], quantity: str, dims: list
     return ""
 
 
-def _bind(label: str) -> tuple[Callable[[Any], Any], str]:
-    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), and the
-    modality that it reads."""
+def _bind(label: str) -> tuple[Callable[[Any], Any], str, Callable[[Any], str]]:
+    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), the
+    modality that it reads, and what tells why a capture's declared rig is none for it."""
     from ..estimators.labels import check_parameters, parse_label
     from ..estimators.registry import get_estimator
 
     name, params = parse_label(label)
     chosen = get_estimator(name)
-    return partial(chosen.function, **check_parameters(chosen.function, params, where=name)), chosen.modality
+    return (
+        partial(chosen.function, **check_parameters(chosen.function, params, where=name)),
+        chosen.modality,
+        chosen.unfit,
+    )
 
 
 def _home(label: str) -> str:
@@ -167,7 +171,7 @@ def main(arguments: list[str]) -> int:
     from .protocol import open_capture
 
     try:
-        call, modality = _bind(label)
+        call, modality, unfit = _bind(label)
     except BaseException as error:
         absent = missing_package(error, _home(label))
         tell(event="refused", message=f"skip: needs the package {absent}" if absent else describe(error))
@@ -184,6 +188,10 @@ def main(arguments: list[str]) -> int:
                 continue
             try:
                 capture = open_capture(Path(job["input"]), job["condition"])
+                # Told by the declared rig, before the call: an estimator cannot leave captures out by their data.
+                if reason := unfit(capture):
+                    tell(event="skip", job=job["job"], message=reason)
+                    continue
                 if not warm:
                     call(capture)
                     warm = True

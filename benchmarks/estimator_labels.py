@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from ..scenes.errors import InputError
 
@@ -34,15 +36,34 @@ def missing_package(error: BaseException | None, home: str = "") -> str:
     return top if top and top not in own and find_spec(top) is None else ""
 
 
-def check_estimators(labels: Iterable[str]) -> list[Chosen]:
-    """Parse and check labels; keys are sorted.
+#: Parameters of built-ins that name a file: an estimator's child starts in an empty folder of its own.
+_FILES = frozenset({"weights"})
+
+
+def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str, Any] | None = None) -> list[Chosen]:
+    """Parse and check labels; keys are sorted, and files that they name become absolute paths.
+
+    Main arguments:
+        labels: `name` or `name[key=value,...]`, each once.
+    Other arguments:
+        beside: the suite that lists the labels, as it was given: a relative file is looked up beside its file first, then
+            in the working folder.
 
     Parameters of built-ins are checked here. A plug-in's code is never imported by the parent, which holds the truth:
     its parameters are checked by its child, and a bad one is the status of its rows.
 
     Raises:
-        InputError: unknown name (with near matches), bad syntax, unknown or bad parameter, the same label twice.
+        InputError: unknown name (with near matches), bad syntax, unknown or bad parameter, the same label twice, a file
+            that does not exist, one label in place of a list.
     """
+    if isinstance(labels, str):
+        raise InputError(
+            "Estimators are given as a list of labels.",
+            where="estimators",
+            value=labels,
+            allowed="a list of name or name[key=value,...]",
+            next_step=f"[{labels!r}]",
+        )
     import difflib
 
     from ..estimators import BUILTIN
@@ -68,9 +89,37 @@ def check_estimators(labels: Iterable[str]) -> list[Chosen]:
             except InputError as error:
                 if not missing_package(error, BUILTIN[name]):  # else its child is skipped, with that reason
                     raise
+            params = {key: _file(name, key, value, beside) if key in _FILES else value for key, value in params.items()}
         full = format_label(name, params)
         if any(other.label == full for other in chosen):
-            raise InputError("An estimator is listed twice.", where="estimators", value=full)
+            raise InputError("An estimator is listed twice.", where="estimators", value=full, allowed="each label once")
         inside = full[len(name) + 1 : -1] if params else ""
         chosen.append(Chosen(name, inside, full))
     return chosen
+
+
+def _file(name: str, key: str, value: Any, beside: str | Path | Mapping[str, Any] | None) -> Any:
+    """The absolute path of the file that a parameter names; None, for the one that ships, stays."""
+    if value is None:
+        return None
+    given = Path(str(value)).expanduser()
+    folders = [Path.cwd()]
+    if isinstance(beside, str | Path):
+        folders.insert(0, Path(beside).expanduser().parent)
+    for folder in folders:
+        if (folder / given).is_file():
+            path = str((folder / given).resolve())
+            if not set(path) & set(",[]") and path == path.strip():
+                return path
+            raise InputError(
+                "The file's path cannot stand in a label.", where=f"{name}[{key}]", value=path,
+                allowed="no comma, no square bracket, no space at its end", next_step="copy the file to another folder",
+            )  # fmt: skip
+    raise InputError(
+        "There is no such file.",
+        where=f"{name}[{key}]",
+        value=str(value),
+        allowed="a file, by its absolute path or relative to "
+        + " or ".join(dict.fromkeys(str(folder.resolve()) for folder in folders)),
+        next_step="beambench estimators train --data FOLDER --out FILE" if key == "weights" else "check the path",
+    )

@@ -23,7 +23,10 @@ import numpy as np
 from ..scenes.errors import InputError
 from .failure_rate import Trial, dispersion, failure_rate, rate_bounds
 
-__all__ = ["TARGETS", "Edge", "EdgeMap", "Evaluate", "find_edge", "is_log", "isotonic", "refine_axis", "refine_grid"]
+__all__ = [
+    "TARGETS", "Edge", "EdgeMap", "Evaluate", "check_levels", "find_edge", "is_log", "isotonic", "refine_axis",
+    "refine_grid",
+]  # fmt: skip
 
 #: Failure rates whose levels are reported.
 TARGETS = (0.1, 0.5)
@@ -89,7 +92,12 @@ def isotonic(value: Sequence[float], weight: Sequence[float]) -> list[float]:
     return [mean for mean, _, length in blocks for _ in range(int(length))]
 
 
-def _checked(levels: Sequence[float], axis: str) -> list[float]:
+def check_levels(levels: Sequence[float], axis: str) -> list[float]:
+    """The levels as numbers.
+
+    Raises:
+        InputError: fewer than two, or they run both ways.
+    """
     rising = sorted(set(levels))
     if len(rising) < 2 or len(rising) != len(levels) or list(levels) not in (rising, rising[::-1]):
         raise InputError(
@@ -196,7 +204,7 @@ def refine_axis(
     Raises:
         InputError: levels that run both ways, or fewer than two.
     """
-    first = _checked(levels, axis)
+    first = check_levels(levels, axis)
     scale = _Axis(first)
     budget = max(budget, len(first))
     found = EdgeMap({point: list(got) for point, got in evaluate([(x,) for x in first]).items()}, budget=budget)
@@ -244,7 +252,7 @@ def refine_grid(
     Raises:
         InputError: levels that run both ways, or fewer than two.
     """
-    first, second = _checked(levels, axis), _checked(levels2, axis2)
+    first, second = check_levels(levels, axis), check_levels(levels2, axis2)
     logs = is_log(first), is_log(second)
     found = EdgeMap()
 

@@ -3,7 +3,7 @@
 What is measured: `fidelity_measure`. What is drawn: `fidelity_family`. What the rows say of `auto` and of two policies
 without thought: `fidelity_rules`, whose rules were written before anything was measured.
 
-    python -m beambench.benchmarks.fidelity [--scenes 60] [--seed 1] [--out FOLDER] [--resume]
+    python -m beambench.benchmarks.fidelity [--scenes 60] [--seed 1] [--out FOLDER] [--resume | --overwrite]
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from .fidelity_family import family
 from .fidelity_measure import measure_scene
 from .fidelity_rules import POLICY_COLUMNS, decisions, policy_rows, summarise
 from .files import write_json, write_text
-from .output import default_folder
+from .kinds import FIDELITY
 from .tables import to_csv
+from .workplace import output_folder, workplace
 
 __all__ = ["COLUMNS", "read_rows", "run_fidelity"]
 
@@ -40,31 +41,52 @@ _STATE = "fidelity-scenes.json"
 
 def run_fidelity(
     scenes: int = 60, seed: int = 1, out: str | Path | None = None, progress: Callable[[str], None] | None = None,
-    *, resume: bool = False,
+    *, resume: bool = False, overwrite: bool = False,
 ) -> Path:  # fmt: skip
     """Measure a family of scenes; the folder, with fidelity.csv, policies.csv, fidelity.json and fidelity.svg.
 
-    Tables are written after every scene, so that `resume` goes on after the last whole one.
+    Tables are written after every scene, so that `resume` goes on after the last whole one. With `overwrite` an earlier
+    measurement in `out` is replaced once the new one is complete; until then that is in `out`/unfinished.
 
     Raises:
-        InputError: `resume` of a measurement of other scenes.
+        InputError: `resume` of a measurement of other scenes, or a folder that may not be written.
     """
-    folder = Path(out) if out is not None else default_folder("fidelity")
-    folder.mkdir(parents=True, exist_ok=True)
-    rows: list[dict[str, Any]] = []
-    told: list[dict[str, Any]] = []
-    if resume and (folder / _STATE).exists():
+    folder = output_folder(out, "fidelity", resume=resume, overwrite=overwrite)
+
+    def check(held: Path) -> None:
+        _state(held, seed)
+
+    with workplace(folder, FIDELITY, resume=resume, overwrite=overwrite, check=check) as work:
+        _measure(work, scenes, seed, progress, resume)
+    return folder
+
+
+def _state(folder: Path, seed: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Rows and references of the scenes that a folder holds."""
+    if not (folder / _STATE).exists():
+        return [], []
+    try:
         state = json.loads((folder / _STATE).read_text(encoding="utf-8"))
-        if state["seed"] != seed:
-            raise InputError(
-                "This folder holds a measurement of other scenes.",
-                where="--seed",
-                value=seed,
-                allowed=str(state["seed"]),
-            )
-        told = state["scenes"]
-        done = {t["scene"] for t in told}
+        drawn, told = int(state["seed"]), [dict(one) for one in state["scenes"]]
+        done = {str(one["scene"]) for one in told}
         rows = [row for row in read_rows(folder / "fidelity.csv") if row["scene"] in done]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            "The measurement cannot be gone on with: what it keeps of its scenes cannot be read.",
+            where=str(folder / _STATE),
+            value=str(error),
+            next_step="--overwrite to measure anew, or another --out",
+        ) from error
+    if drawn != seed:
+        raise InputError(
+            "This folder holds a measurement of other scenes.", where="--seed", value=seed, allowed=str(drawn)
+        )
+    return rows, told
+
+
+def _measure(folder: Path, scenes: int, seed: int, progress: Callable[[str], None] | None, resume: bool) -> None:
+    """Measure what is not yet in the folder, and write its files."""
+    rows, told = _state(folder, seed) if resume else ([], [])
     done = {t["scene"] for t in told}
     say = progress or (lambda line: None)
     with tempfile.TemporaryDirectory() as meshes:
@@ -82,7 +104,6 @@ def run_fidelity(
     write_text(folder / "policies.csv", to_csv(policy_rows(decisions(rows)), POLICY_COLUMNS))
     write_json(folder / "fidelity.json", summarise(rows, told))
     write_chart(rows, folder / "fidelity.svg")
-    return folder
 
 
 def _line(number: int, total: int, rows: list[dict[str, Any]], references: dict[str, Any], wall_s: float) -> str:
@@ -113,10 +134,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", default=None)
     parser.add_argument("--resume", action="store_true")
+    parser.add_argument("--overwrite", action="store_true")
     options = parser.parse_args(argv)
     folder = run_fidelity(
-        options.scenes, options.seed, options.out, lambda line: print(line, flush=True), resume=options.resume
-    )
+        options.scenes, options.seed, options.out, lambda line: print(line, flush=True), resume=options.resume,
+        overwrite=options.overwrite,
+    )  # fmt: skip
     told = json.loads((folder / "fidelity.json").read_text(encoding="utf-8"))
     print(json.dumps({k: v for k, v in told.items() if k != "references"}, indent=1))
     return 0

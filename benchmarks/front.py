@@ -5,7 +5,9 @@ A point is *dominated* where another is better in both, cost and error, beyond t
 only seems worse by chance is therefore never called dominated, nor one that only seems best called the front.
 
 Where the figures of two points come from the same captures, their difference is known better than either: `paired_order`
-compares them on what they share. Intervals of independent figures go through `interval_order`.
+compares them on what they share. Intervals of independent figures go through `interval_order`. Where a few units hold
+most of a total (one outlier, one refusal) its spread cannot be told from these units: the pair stays open, the interval
+unknown. An outlier so rare that the captures hold none cannot be seen in either.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+
+from .statistics import concentrated
 
 __all__ = [
     "Order", "Verdict", "classify", "front", "interval_order", "lower_left", "paired_order", "ratio_interval",
@@ -80,8 +84,9 @@ def paired_order(sums: npt.ArrayLike, *, error_rate: float = 0.05) -> Order:
         error_rate: chance that any of a point's comparisons errs (each is made at error_rate/(points − 1), two-sided).
 
     ln(Σa/Σb) has, by linearisation, the variance K/(K−1) Σ_k (a_k/Σa − b_k/Σb)², K units; Student's t with K − 1 degrees
-    of freedom. Fewer than two units, or a total that is zero against one that is not, leave the pair open; equal units
-    decide it: neither is smaller. Source: W. G. Cochran, Sampling Techniques, 3rd ed., 1977, sec. 6.3 (ratios).
+    of freedom. Fewer than two units, a total that few units hold (`statistics.concentrated`), or one that is zero against
+    one that is not, leave the pair open; equal units decide it: neither is smaller.
+    Source: W. G. Cochran, Sampling Techniques, 3rd ed., 1977, sec. 6.3 (ratios).
     """
     from scipy.stats import t
 
@@ -97,18 +102,23 @@ def paired_order(sums: npt.ArrayLike, *, error_rate: float = 0.05) -> Order:
             difference = np.log(total[:, None] / total[None, :])
             spread = ((share[:, None, :] - share[None, :, :]) ** 2).sum(axis=2) * units / (units - 1)
             half = quantile * np.sqrt(spread)
-            below, not_below = difference + half < 0, difference - half >= 0
+            few = concentrated(x)
+            told = ~(few[:, None] | few[None, :])
+            below, not_below = told & (difference + half < 0), told & (difference - half >= 0)
     return Order(below & ~same, not_below | same)
 
 
 def ratio_interval(sums: npt.ArrayLike, counts: npt.ArrayLike) -> tuple[float, float]:
-    """95 % interval of √(Σ sums/Σ counts) over units, e.g. of an rmse over tiles; (NaN, NaN) with fewer than two units."""
+    """95 % interval of √(Σ sums/Σ counts) over units, e.g. of an rmse over tiles.
+
+    (NaN, NaN) with fewer than two units, and where few of them hold most of the sum (`statistics.concentrated`).
+    """
     from scipy.stats import t
 
     x, n = np.asarray(sums, np.float64), np.asarray(counts, np.float64)
     x, n = x[n > 0], n[n > 0]
     total = float(x.sum())
-    if x.size < 2 or not total > 0:
+    if x.size < 2 or bool(concentrated(x)):
         return math.nan, math.nan
     spread = float(((x / total - n / n.sum()) ** 2).sum()) * x.size / (x.size - 1)
     half = 0.5 * float(t.ppf(0.975, x.size - 1)) * math.sqrt(spread)

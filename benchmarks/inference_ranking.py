@@ -20,6 +20,7 @@ from .inference_bootstrap import studentised
 from .inference_pairs import Pair, pairwise
 from .inference_profiles import Profile, performance_profiles
 from .inference_rates import clustered_interval
+from .skips import not_applicable
 
 __all__ = ["Comparison", "Ranked", "ScoreMatrix", "compare_estimators", "score_matrix"]
 
@@ -89,11 +90,14 @@ def score_matrix(
         InputError: an estimator lacks a cell that another has, or has one twice: nothing would be paired then.
     """
     cells: dict[str, dict[tuple[Any, ...], dict[str, Any]]] = {}
+    skipped: set[str] = set()
     wanted_row = {"modality": modality, "stage": stage, "quantity": quantity, "condition": condition}
     for row in rows:
         levels = (float(row["level"]), float(row["level2"]))
         plain = all(math.isnan(level) for level in levels)
         taken = all(row[name] == value for name, value in wanted_row.items())
+        if taken and not_applicable(str(row.get("status", "ok"))):
+            skipped.add(_label(row))
         if not taken or not (plain or stressed) or int(row["n"]) < 1:
             continue
         key = (row["scene"], row["stress"], repr(levels[0]), row["stress2"], repr(levels[1]), row["seed"])
@@ -101,6 +105,9 @@ def score_matrix(
         if key in mine:
             raise InputError("An estimator has one cell twice.", where=_label(row), value=str(key))
         mine[key] = row
+    # Who reads a part of the scenes only is compared with nobody on the others: it stands in no ranking.
+    for name in skipped:
+        cells.pop(name, None)
     if not cells:
         raise InputError("No row to rank by.", where="scores", value=", ".join(wanted_row.values()))
     names = sorted(cells)

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from .inference_ranking import compare_estimators, score_matrix
+from .skips import not_applicable
 
 __all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "inference_tables"]
 
@@ -38,8 +39,10 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
     profiles: list[dict[str, Any]] = []
     for key in sorted({tuple(str(row[name]) for name in _GROUP) for row in table if int(row["n"]) > 0}):
         group = dict(zip(_GROUP, key, strict=True))
-        plain = [row for row in table if all(row[name] == group[name] for name in _GROUP) and _as_written(row)]
-        if not plain:
+        mine = [row for row in table if all(row[name] == group[name] for name in _GROUP)]
+        # Skips tell who reads a part of the scenes only, and stands in no ranking.
+        plain = [row for row in mine if _as_written(row) or not_applicable(str(row.get("status", "ok")))]
+        if not any(_as_written(row) for row in plain):
             continue
         matrix = score_matrix(
             plain, modality=group["modality"], stage=group["stage"], quantity=group["quantity"],

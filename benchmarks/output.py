@@ -1,25 +1,17 @@
-"""The folder of a run: refuse, resume or replace what is there, and remember finished work line by line."""
+"""The folder of a run: its default name, and the journal that remembers finished work line by line."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..scenes.errors import InputError
 
-__all__ = ["Journal", "default_folder", "prepare_folder", "without_nan"]
-
-#: What a run writes, and what `overwrite` may therefore remove. Other files in the folder stay.
-_OURS = (
-    "captures", "pictures", "run.json", "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "report.html",
-    "speed-accuracy.png", "speed-accuracy.svg", "journal.jsonl", "breakdown.csv", "failure_map.csv", "maps", "costs.csv",
-    "errors_by_tile.npz", "ranking.csv", "pairs.csv", "profiles.csv",
-)  # fmt: skip
+__all__ = ["Journal", "default_folder", "without_nan"]
 
 
 def default_folder(name: str) -> Path:
@@ -33,66 +25,14 @@ def default_folder(name: str) -> Path:
     return folder
 
 
-def prepare_folder(folder: Path, suite_hash: str, *, resume: bool, overwrite: bool) -> None:
-    """Make the folder of a run ready to be written.
-
-    Raises:
-        InputError: it exists with content and neither flag is given, both are, it cannot be written, it is no run
-            (overwrite), or it belongs to another suite (resume).
-    """
-    if resume and overwrite:
-        raise InputError("--resume and --overwrite exclude each other.", where="run")
-    if folder.exists() and not folder.is_dir():
-        raise InputError("The output is a file, not a folder.", where="--out", value=str(folder))
-    held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    if held and not (resume or overwrite):
-        raise InputError(
-            "The output folder is not empty.",
-            where="--out",
-            value=str(folder),
-            next_step="--resume to finish it, --overwrite to replace it, or another --out",
-        )
-    if held and not {"run.json", "journal.jsonl"} & set(held):
-        raise InputError(
-            "The output folder holds something that is no run.",
-            where="--out",
-            value=str(folder),
-            allowed="a run's folder",
-        )
-    if held and resume and (found := Journal.hash_in(folder)) != suite_hash:
-        raise InputError(
-            "The folder holds a run of another suite, or of other settings.",
-            where="--resume",
-            value=found,
-            allowed=suite_hash,
-            next_step="--overwrite, or another --out",
-        )
-    try:
-        if overwrite:
-            for name in _OURS:
-                path = folder / name
-                if path.is_dir() and not path.is_symlink():
-                    shutil.rmtree(path)
-                else:
-                    path.unlink(missing_ok=True)
-        for part in ("captures", "pictures"):
-            (folder / part).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            "The output folder cannot be written.",
-            where="--out",
-            value=f"{folder}: {error.strerror}",
-            next_step="choose another place with --out",
-        ) from error
-
-
 class Journal:
     """journal.jsonl: one line per finished (capture, estimator, condition), so that a broken run can be resumed.
 
-    Only results with status "ok" are taken up again: a failure is tried anew.
+    Only results with status "ok" are taken up again: a failure is tried anew. The first line tells what the run is of:
+    the hash of its suite, and `settings` that the results depend on beside it.
     """
 
-    def __init__(self, folder: Path, suite_hash: str) -> None:
+    def __init__(self, folder: Path, suite_hash: str, **settings: Any) -> None:
         self.path = folder / "journal.jsonl"
         self.done: dict[tuple[str, ...], list[dict[str, Any]]] = {}
         self.beside: dict[tuple[str, ...], dict[str, Any]] = {}
@@ -104,22 +44,47 @@ class Journal:
             for line in text.splitlines()[1:]:
                 try:
                     entry = json.loads(line)
-                    key, rows = tuple(map(str, entry["key"])), entry["rows"]
-                except (ValueError, KeyError, TypeError):
-                    continue  # the last line of an interrupted write
-                self.done[key] = [_with_nan(row) for row in rows]
-                self.beside[key] = entry.get("beside") or {}
+                    key, rows = tuple(map(str, entry["key"])), [_with_nan(row) for row in entry["rows"]]
+                    beside = dict(entry.get("beside") or {})
+                except (ValueError, KeyError, TypeError, AttributeError):
+                    continue  # the last line of an interrupted write, or one that was damaged: measured anew
+                if all("status" in row for row in rows):
+                    self.done[key], self.beside[key] = rows, beside
         else:
-            self._append({"suite_hash": suite_hash})
+            self._append({"suite_hash": suite_hash, **settings})
 
     @staticmethod
-    def hash_in(folder: Path) -> str:
-        """The suite hash of the run in a folder, or ""."""
+    def check(folder: Path, suite_hash: str, **settings: Any) -> None:
+        """Refuse to go on with a run of another suite or other settings. A setting that an older journal does not tell is
+        not compared.
+
+        Raises:
+            InputError: the folder's journal tells of another run, or cannot be read.
+        """
+        found: Any = {}
         try:
             with open(folder / "journal.jsonl", encoding="utf-8") as file:
-                return str(json.loads(file.readline()).get("suite_hash", ""))
-        except (OSError, ValueError, AttributeError):
-            return ""
+                found = json.loads(file.readline())
+        except (OSError, ValueError):
+            pass
+        found = found if isinstance(found, dict) else {}
+        if (other := str(found.get("suite_hash", ""))) != suite_hash:
+            raise InputError(
+                "The folder holds a run of another suite, or of other settings.",
+                where="--resume",
+                value=other,
+                allowed=suite_hash,
+                next_step="--overwrite, or another --out",
+            )
+        for name, value in settings.items():
+            if name in found and found[name] != value:
+                raise InputError(
+                    f"The folder holds a run with another {name}.",
+                    where="--resume",
+                    value=value,
+                    allowed=str(found[name]),
+                    next_step="--overwrite, or another --out",
+                )
 
     def _append(self, entry: dict[str, Any]) -> None:
         try:

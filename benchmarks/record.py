@@ -11,8 +11,9 @@ from typing import Any
 
 __all__ = ["TABLES_VERSION", "machine", "now", "versions"]
 
-#: Version of the tables' contract (columns, failure limit, meaning of status). 2: docs/decisions 0013 to 0015.
-TABLES_VERSION = 2
+#: Version of the tables' contract (columns, failure limit, meaning of status and of figures). 2: docs/decisions 0013 to
+#: 0015. 3: 0018 and 0019.
+TABLES_VERSION = 3
 
 _PACKAGES = (
     "beambench", "numpy", "scipy", "numba", "xarray", "zarr", "mitsuba", "drjit", "pandas", "pyarrow", "pydantic",

@@ -120,7 +120,7 @@ def _counts(table: Any, cells: list[Cell]) -> list[tuple[str, str]]:
         "condition": len({c.condition for c in cells}),
         "seed": len(seeds_of(table)),
     }
-    elements = table.groupby(["scene", "seed", "stress", "level", "quantity"])["n"].max().sum()
+    elements = table.groupby(["scene", "seed", "stress", "level", "stress2", "level2", "quantity"])["n"].max().sum()
     noun = cells[0].noun if cells else "element"
     counts = [(str(count), name if count == 1 else name + "s") for name, count in counted.items()]
     return [*counts, (f"{elements / 1e6:.2f} M", f"{noun}s with truth")]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..scenes.errors import InputError
 from .report_cell import Cell
+from .statistics import bias_is_real, weakest_kind
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,6 +131,15 @@ def read_run(folder: Path) -> dict[str, Any]:
         raise InputError("run.json cannot be read.", where=str(path), value=str(error)) from error
     if not isinstance(record, dict):
         raise InputError("run.json must be an object.", where=str(path), value=type(record).__name__)
+    for name, kind, word in (
+        ("failures", list, "a list"),
+        ("machine", dict, "an object"),
+        ("versions", dict, "an object"),
+    ):
+        if record.get(name) is not None and not isinstance(record[name], kind):
+            raise InputError(
+                "run.json holds something of another kind.", where=f"{path}: {name}", value=record[name], allowed=word
+            )
     return record
 
 
@@ -146,8 +156,9 @@ def seeds_of(table: pd.DataFrame) -> list[int]:
 def cells_of(table: pd.DataFrame) -> list[Cell]:
     """Pool the seeds of each cell.
 
-    Squares are averaged (weights: elements) for errors and bounds, means for rates and bias; CPU time is the median
-    over seeds, and per element it counts every element the estimator read: throughput × wall time.
+    Squares are averaged (weights: elements) for errors and bounds, means for rates; what is of the answered elements is
+    weighted by these. `bound_kind` is the weakest of the seeds'. CPU time is the median over seeds, and per element it
+    counts every element the estimator read: throughput × wall time.
     """
     keys = [
         "scene",
@@ -168,9 +179,12 @@ def cells_of(table: pd.DataFrame) -> list[Cell]:
 def _pool(group: pd.DataFrame) -> Cell:
     first = group.iloc[0]
     weight = group["n"].where(group["n"] > 0)
+    valid = weight * group["coverage"]
+    bias, rmse = _mean(group["bias"], valid), math.sqrt(_mean(group["rmse"] ** 2, valid))
     bad = [status for status in group["status"] if status != "ok"]
     elements = (group["throughput"] * group["wall_s"]).where(group["throughput"] * group["wall_s"] > 0, group["n"])
     efficiency = group["efficiency"].dropna()
+    efficient = len(efficiency) == len(group) and not bias_is_real(bias, rmse, float(valid.sum()))
     return Cell(
         scene=first["scene"],
         stress=axis_text(first["stress"]),
@@ -187,18 +201,18 @@ def _pool(group: pd.DataFrame) -> Cell:
         n=float(group["n"].sum()),
         coverage=_mean(group["coverage"], weight),
         failure_rate=_mean(group["failure_rate"], weight),
-        bias=_mean(group["bias"], weight),
-        rmse=math.sqrt(_mean(group["rmse"] ** 2, weight * group["coverage"])),
+        bias=bias,
+        rmse=rmse,
         rmse_full=math.sqrt(_mean(group["rmse_full"] ** 2, weight)),
-        p95=_mean(group["p95"], weight),
-        bound=math.sqrt(_mean(group["bound"] ** 2, weight * group["coverage"])),
-        bound_kind=first["bound_kind"],
+        p95=_mean(group["p95"], valid),
+        bound=math.sqrt(_mean(group["bound"] ** 2, valid)),
+        bound_kind=weakest_kind(group["bound_kind"]),
         # 1/efficiency is a mean square, so seeds pool as harmonic means; the interval is only known for one seed.
-        efficiency=float(1 / (1 / efficiency).mean()) if len(efficiency) == len(group) else math.nan,
+        efficiency=float(1 / (1 / efficiency).mean()) if efficient else math.nan,
         efficiency_lo=float(first["efficiency_lo"]) if len(group) == 1 else math.nan,
         efficiency_hi=float(first["efficiency_hi"]) if len(group) == 1 else math.nan,
-        z_rms=math.sqrt(_mean(group["z_rms"] ** 2, weight * group["coverage"])),
-        cover95=_mean(group["cover95"], weight * group["coverage"]),
+        z_rms=math.sqrt(_mean(group["z_rms"] ** 2, valid)),
+        cover95=_mean(group["cover95"], valid),
         cpu_s=float(group["cpu_s"].median()),
         cpu_per_element_s=float((group["cpu_s"] / elements).median()),
         throughput=float(group["throughput"].median()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from .report_data import Cell, base_cells, cells_of, seeds_of, unit_scale
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "Ranked", "closing_lines", "failures_of", "number", "plural", "rank", "rate", "skips_of_cells", "span", "summary",
-    "time_text",
+    "Ranked", "beaten_by_best", "closing_lines", "failures_of", "number", "plural", "rank", "rate", "skips_of_cells",
+    "span", "summary", "time_text",
 ]  # fmt: skip
 
 
@@ -23,7 +24,7 @@ class Ranked:
     """One estimator over all unstressed cells.
 
     `error_ratio`: geometric mean over cells of rmse_full / (the smallest rmse_full there), ≥ 1. `bound_ratio`: the same
-    over the bound. `cpu_per_element_s`: geometric mean. `cells` of `total` gave a result.
+    over the bound, in cells where that is exact. `cpu_per_element_s`: geometric mean. `cells` of `total` gave a result.
     """
 
     label: str
@@ -39,17 +40,17 @@ def rank(cells: list[Cell]) -> list[Ranked]:
     """Estimators from the most to the least accurate; those that did not answer in every cell come last."""
     best: dict[tuple[str, ...], float] = {}
     for cell in cells:
-        if cell.ok and cell.rmse_full > 0:
+        if cell.ok and cell.rmse_full >= 0:
             best[_where(cell)] = min(best.get(_where(cell), math.inf), cell.rmse_full)
     ranked = []
     total = len({_where(cell) for cell in cells})
     for label in dict.fromkeys(cell.label for cell in cells):
-        mine = [c for c in cells if c.label == label and c.ok and c.rmse_full > 0]
+        mine = [c for c in cells if c.label == label and c.ok and c.rmse_full >= 0]
         ranked.append(
             Ranked(
                 label,
-                _geometric([c.rmse_full / best[_where(c)] for c in mine]),
-                _geometric([c.rmse_full / c.bound for c in mine if c.bound > 0]),
+                _geometric([_over(c.rmse_full, best[_where(c)]) for c in mine]),
+                _geometric([c.rmse_full / c.bound for c in mine if c.bound > 0 and c.bound_kind == "exact"]),
                 _geometric([c.cpu_per_element_s for c in mine if c.cpu_per_element_s > 0]),
                 min((c.coverage for c in mine), default=math.nan),
                 len(mine),
@@ -63,8 +64,44 @@ def _where(cell: Cell) -> tuple[str, ...]:
     return (cell.scene, cell.stage, cell.quantity, cell.condition, cell.stress, cell.level, cell.stress2, cell.level2)
 
 
+def _over(error: float, smallest: float) -> float:
+    """error/smallest, where both may be zero: a scene without noise."""
+    return error / smallest if smallest > 0 else 1.0 if error == 0 else math.inf
+
+
 def _geometric(values: list[float]) -> float:
+    if 0.0 in values:
+        return 0.0
     return math.exp(sum(map(math.log, values)) / len(values)) if values else math.nan
+
+
+def _one_condition(cells: list[Cell]) -> tuple[list[Cell], str]:
+    """The cells of one condition, "matched" where there is one, and how to say so: figures of two are not pooled."""
+    names = list(dict.fromkeys(cell.condition for cell in cells))
+    chosen = "matched" if "matched" in names else (names[0] if names else "")
+    return [c for c in cells if c.condition == chosen], f" ({chosen})" if len(names) > 1 else ""
+
+
+def beaten_by_best(cells: list[Cell], ranked: list[Ranked]) -> tuple[int, int]:
+    """(certainly worse than the first of `ranked`, all others) of those that answered wherever it did.
+
+    Over scenes, by paired differences with Holm's correction, as ranking.csv has it: below six scenes none is certain.
+    """
+    from .inference_pairs import pairwise
+
+    names = [r.label for r in ranked if r.cells == ranked[0].cells]
+    scenes = sorted({cell.scene for cell in cells})
+    squares: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for cell in cells:
+        if cell.ok and cell.rmse_full >= 0:
+            squares.setdefault((cell.label, cell.scene), []).append((cell.n, cell.n * cell.rmse_full**2))
+    kept = [s for s in scenes if all((name, s) in squares for name in names)]
+    if len(names) < 2 or not kept:
+        return 0, len(names) - 1
+    sums = [[[sum(part) for part in zip(*squares[name, s], strict=True)] for s in kept] for name in names]
+    figures = [[max(math.sqrt(square / n), 1e-150) if n > 0 else math.nan for n, square in row] for row in sums]
+    pairs = pairwise(names, figures) if all(map(math.isfinite, chain.from_iterable(figures))) else []
+    return sum(pair.winner == names[0] for pair in pairs), len(names) - 1
 
 
 def failures_of(cells: list[Cell]) -> dict[str, list[Cell]]:
@@ -86,9 +123,10 @@ def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
 
 
 def summary(table: pd.DataFrame) -> list[str]:
-    """Three sentences: the most accurate, the fastest, and who fails."""
+    """Three sentences: the smallest error and whether it is beyond doubt, the fastest, and who fails."""
     cells = cells_of(table)
-    ranked = [r for r in rank(base_cells(cells)) if r.cells]
+    base, where = _one_condition(base_cells(cells))
+    ranked = [r for r in rank(base) if r.cells]
     said = failures_of([cell for cell in cells if not cell.mixed])
     scenes, seeds = len({cell.scene for cell in cells}), len(seeds_of(table))
     if not ranked:
@@ -98,14 +136,15 @@ def summary(table: pd.DataFrame) -> list[str]:
             "The list of failures below says why.",
         ]
     best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
-    example = min(
-        (c for c in base_cells(cells) if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None
-    )
+    example = min((c for c in base if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None)
     factor, unit = unit_scale(example.unit if example else "")
     detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
-    near = f", {best.bound_ratio:.2f} times the bound in the mean" if math.isfinite(best.bound_ratio) else ""
+    near = f", {best.bound_ratio:.2f} times the exact bound in the mean" if math.isfinite(best.bound_ratio) else ""
+    beaten, others = beaten_by_best(base, ranked)
+    claim = "is the most accurate" if beaten == others > 0 else "has the smallest error"
+    doubt = f"; {beaten} of {plural(others, 'other')} certainly worse over scenes" if others > beaten else ""
     first = (
-        f"On {plural(scenes, 'scene')} and {plural(seeds, 'seed')}, {best.label} is the most accurate{detail}{near}."
+        f"On {plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}, {best.label} {claim}{detail}{near}{doubt}."
     )
     if fastest.label == best.label:
         second = f"It is also the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun}."
@@ -133,14 +172,19 @@ def _fastest(ranked: list[Ranked]) -> Ranked:
 def closing_lines(scores: pd.DataFrame) -> list[str]:
     """The last words of a run in the terminal: best, fastest, and where each estimator fails."""
     cells = cells_of(scores)
-    ranked = [r for r in rank(base_cells(cells)) if r.cells]
+    base, where = _one_condition(base_cells(cells))
+    ranked = [r for r in rank(base) if r.cells]
     if not ranked:
         lines = ["best     none: no estimator gave a result"]
     else:
         best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
-        near = f", {best.bound_ratio:.2f} x the bound" if math.isfinite(best.bound_ratio) else ""
+        near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
         speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
-        lines = [f"best     {best.label}: smallest error over {plural(best.cells, 'cell')}{near}, {speed}"]
+        beaten, others = beaten_by_best(base, ranked)
+        doubt = f", {beaten} of {plural(others, 'other')} certainly worse" if others else ""
+        lines = [
+            f"best     {best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}"
+        ]
         lines.append(
             f"fastest  {fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
             f"{number(fastest.error_ratio)} x the smallest error"

@@ -7,7 +7,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,8 @@ from .costs import cost_row, write_costs
 from .error_tiles import TileKey, tile_sums, write_tiles
 from .estimator_labels import Chosen, check_estimators
 from .files import write_json
-from .output import Journal, default_folder, prepare_folder, without_nan
+from .kinds import RUN
+from .output import Journal, without_nan
 from .picture_files import write_picture
 from .progress import Progress, silent
 from .record import TABLES_VERSION, machine, now, versions
@@ -26,11 +27,14 @@ from .score import errors_of, score_rows
 from .skips import not_applicable, skipped_rows, skips_of
 from .spool import Entry, Spool
 from .suite import Cell, Loaded, cells_of, load_suite
-from .suite_spec import Split
+from .suite_spec import Split, check_split
 from .tables import sort_rows, write_tables
+from .workplace import output_folder, workplace
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from .calibrate import Calibrations
 
 __all__ = ["RunResult", "run_suite"]
 
@@ -70,7 +74,8 @@ def run_suite(
         suite: name, path or plain data. out: the folder; ./beambench-runs/<suite>-<time> by default.
     Other arguments:
         overrides: {path: value}; see `load_suite`. split: which seeds to score on.
-        resume: keep what an interrupted run of the same suite finished. overwrite: replace a run.
+        resume: keep what an interrupted run of the same suite finished. overwrite: replace a run, once the new one is
+            complete; until then that is in `out`/unfinished.
         cache: take answers that an earlier run measured on this machine, with their times, and keep the new ones.
         report: write the page. progress: told of every step. command: what was typed, for run.json.
 
@@ -79,11 +84,28 @@ def run_suite(
     """
     start = time.perf_counter()
     loaded = load_suite(suite, overrides)
-    chosen = check_estimators(loaded.suite.estimators)
+    check_split(split)
+    chosen = check_estimators(loaded.suite.estimators, beside=suite)
     cells = cells_of(loaded, split)
-    folder = Path(out) if out is not None else default_folder(loaded.suite.suite)
-    prepare_folder(folder, loaded.hash, resume=resume, overwrite=overwrite)
-    run = _Run(loaded, chosen, folder, progress, len(cells), ResultCache() if cache else None)
+    folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
+    told: dict[str, Any] = {"verb": RUN.verb, "split": split}
+
+    def check(held: Path) -> None:
+        Journal.check(held, loaded.hash, **told)
+
+    with workplace(folder, RUN, resume=resume, overwrite=overwrite, check=check) as work:
+        journal = Journal(work, loaded.hash, **told)
+        run = _Run(loaded, chosen, work, journal, progress, len(cells), ResultCache() if cache else None)
+        result = _run_in(
+            work, run, cells, told | {"overrides": dict(overrides or {}), "command": command or []}, report
+        )
+    page = folder / result.report.name if result.report is not None else None
+    return replace(result, out=folder, report=page, wall_s=time.perf_counter() - start)
+
+
+def _run_in(folder: Path, run: _Run, cells: list[Cell], told: dict[str, Any], report: bool) -> RunResult:
+    """Run all cells and write the folder."""
+    loaded, progress = run.loaded, run.progress
     began = now()
     with Spool() as spool, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
@@ -105,9 +127,9 @@ def run_suite(
     run.stages["tables"] = time.perf_counter() - tick
     record = {
         "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
-        "split": split, "seeds": list(getattr(loaded.suite.seeds, split)), "captures": len(cells),
+        "seeds": list(getattr(loaded.suite.seeds, told["split"])), "captures": len(cells),
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
-        "overrides": dict(overrides or {}), "command": command or [], "started": began, "finished": now(),
+        "started": began, "finished": now(), **told,
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
         "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
         "warnings": run.warnings, "failures": run.failures,
@@ -125,9 +147,8 @@ def run_suite(
         write_json(
             folder / "run.json", record | {"stages_s": {name: round(value, 3) for name, value in run.stages.items()}}
         )
-        progress("report", 1, 1, str(page))
-    wall = time.perf_counter() - start
-    return RunResult(folder, rows, run.warnings, run.failures, page, wall, run.stages)
+        progress("report", 1, 1, page.name)
+    return RunResult(folder, rows, run.warnings, run.failures, page, 0.0, run.stages)
 
 
 def _file_name(cell: Cell) -> str:
@@ -148,6 +169,7 @@ class _Run:
         loaded: Loaded,
         chosen: list[Chosen],
         folder: Path,
+        journal: Journal,
         progress: Progress,
         captures: int,
         cache: ResultCache | None = None,
@@ -155,7 +177,9 @@ class _Run:
         self.cache = cache
         self.loaded, self.suite, self.chosen = loaded, loaded.suite, chosen
         self.folder, self.progress = folder, progress
-        self.journal = Journal(folder, loaded.hash)
+        self.journal = journal
+        for part in ("captures", "pictures"):
+            (folder / part).mkdir(exist_ok=True)
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
         self.tiles: dict[TileKey, tuple[Any, Any]] = {}
@@ -165,7 +189,7 @@ class _Run:
         self.stages = dict.fromkeys(("generate", "store", "bound", "calibrate", "estimate"), 0.0)
         self.total = captures * len(self.suite.conditions) * len(chosen)
         self.done = 0
-        self._declared: dict[tuple[str, str], str] = {}
+        self._calibrations: Calibrations | None = None
 
     def _timed(self, stage: str, call: Callable[[], Any]) -> Any:
         tick = time.perf_counter()
@@ -208,15 +232,14 @@ class _Run:
     def _condition(self, name: str, cell: Cell, capture: xr.Dataset) -> Callable[[xr.Dataset], xr.Dataset]:
         if name == "matched":
             return lambda hidden: hidden
-        from .calibrate import calibrated_rig
+        if self._calibrations is None:
+            from .calibrate import Calibrations
 
-        calibration = self.suite.calibration
-        assert calibration is not None
-        # One calibration serves all captures of a rig, as in a laboratory.
-        key = (str(capture.attrs["rig"]), cell.scene.model_dump_json(include={"rig"}))
-        if key not in self._declared:
-            self._declared[key] = self._timed("calibrate", lambda: calibrated_rig(cell.scene, key[0], calibration))
-        return lambda hidden: hidden.assign_attrs(rig=self._declared[key])
+            assert self.suite.calibration is not None
+            self._calibrations = Calibrations(self.suite.calibration)
+        calibrations = self._calibrations
+        rig = self._timed("calibrate", lambda: calibrations.declared(cell, str(capture.attrs["rig"])))
+        return lambda hidden: hidden.assign_attrs(rig=rig)
 
     def estimate(self, spool: Spool, batch: list[Entry]) -> None:
         """Run every estimator on the spooled captures, score, and drop them."""

@@ -7,15 +7,18 @@ failure threshold:
                                         L = max(X, min(5 b, 2 X, or cσ_R/2n_g if that is more))
     bias, rmse, mae, p95 over V         rmse_full: invalid elements count with the prior's error, window/√12
     bound = √mean(b²) over V            efficiency = 1/mean((e/b)²) over V, outliers included;
-    z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or |bias| > .1 rmse
+    z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or the bias is real
     cover95 = share of V with |e| ≤ 1.96 σ
 
+A bias is real where |bias| exceeds .1 rmse by more than chance explains, 3 rmse/√|V| (`statistics.bias_is_real`).
+`efficiency_lo`, `_hi` are NaN where a few blocks of pixels hold most of the squared error (`statistics.concentrated`).
 X = ½·cσ_R/2n_g for gated captures (σ_R: standard deviation of the response R), or the suite's `failure_at`. L is five
 bounds as long as that is within the echo; an answer off by more than the echo's own width has found something else, and
 fails however little light there was. `bound_kind` is "exact" or "quasi" where all elements of the row are regular, that
 is where the Cramér-Rao bound can be reached, and "ziv-zakai" or "bayes" where not (`bounds.regular`).
-A mixed element holds several ranges, so it is scored by its distance from [truth_first, truth_last]: any range within
-is right, and no bound is asserted. A run that did not end "ok" has coverage 0 and failure rate 1.
+A mixed element sees several surfaces: its error is the signed distance to the nearer of truth_first and truth_last, so
+that a range between two surfaces, where nothing is, is an error; no bound is asserted. A run that did not end "ok" has
+coverage 0 and failure rate 1.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from .statistics import block_bootstrap_ratio, block_ids
+from .statistics import bias_is_real, block_bootstrap_ratio, block_ids
 
 __all__ = [
     "ACCURACY", "COLUMNS", "KEY", "REGULAR_KINDS", "TIMES", "Bound", "Truth", "errors_of", "failure_limit", "score_rows",
@@ -55,7 +58,6 @@ ACCURACY = tuple(name for name in COLUMNS if name not in TIMES)
 REGULAR_KINDS = ("exact", "quasi")
 
 _EFFICIENT_COVERAGE = 0.99
-_EFFICIENT_BIAS = 0.1
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Truth:
-    """What an estimate is compared with, (row, col): the true range, and the interval of mixed elements, m."""
+    """What an estimate is compared with, (row, col): the true range, and the two surfaces of mixed elements, m."""
 
     range: Float
     mixed: Bool
@@ -103,10 +105,11 @@ def truth_of(capture: xr.Dataset) -> Truth:
 
 
 def errors_of(estimate: Float, truth: Truth) -> Float:
-    """estimate − truth, m; for mixed elements the signed distance from [first, last]. NaN where either is missing."""
-    with np.errstate(invalid="ignore"):
-        outside = np.maximum(estimate - truth.last, 0.0) + np.minimum(estimate - truth.first, 0.0)
-        return np.where(truth.mixed, outside, estimate - truth.range)
+    """estimate − truth, m; for mixed elements the signed distance to the nearer of first and last. NaN where either is
+    missing."""
+    to_first, to_last = estimate - truth.first, estimate - truth.last
+    nearer = np.where(np.abs(to_first) <= np.abs(to_last), to_first, to_last)
+    return np.where(truth.mixed, nearer, estimate - truth.range)
 
 
 def failure_limit(sigma: Float, bound: Bound, failure_at: float | None = None) -> Float:
@@ -203,8 +206,8 @@ def _figures(
     figures["cover95"] = float((np.abs(e) <= 1.96 * s).mean())
     if np.isfinite(b).all():
         figures["bound"] = float(np.sqrt((b**2).mean()))
-        regular = abs(figures["bias"]) <= _EFFICIENT_BIAS * figures["rmse"]
-        if figures["coverage"] >= _EFFICIENT_COVERAGE and regular and figures["rmse"] > 0:
+        fair = not bias_is_real(figures["bias"], figures["rmse"], e.size)
+        if figures["coverage"] >= _EFFICIENT_COVERAGE and fair and figures["rmse"] > 0:
             square = (e / b) ** 2
             low, high = block_bootstrap_ratio(square, block[valid])
             figures["efficiency"] = float(1.0 / square.mean())

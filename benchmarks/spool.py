@@ -18,7 +18,7 @@ from .protocol import file_sums, write_capture, write_meta
 from .score import Bound, Truth
 from .suite import Cell
 
-__all__ = ["Entry", "Spool"]
+__all__ = ["Entry", "Spool", "unusable"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,8 @@ class Entry:
     bytes: int
 
 
-def _unusable(error: OSError) -> InputError:
+def unusable(error: OSError) -> InputError:
+    """What to tell of a temporary folder that is full or cannot be written."""
     return InputError(
         "The folder for temporary files cannot be used.",
         where=tempfile.gettempdir(),
@@ -54,7 +55,7 @@ class Spool:
             self.open = Path(tempfile.mkdtemp(prefix="beambench-run-"))
             self.closed = Path(tempfile.mkdtemp(prefix="beambench-"))
         except OSError as error:
-            raise _unusable(error) from error
+            raise unusable(error) from error
 
     def __enter__(self) -> Spool:
         return self
@@ -82,7 +83,7 @@ class Spool:
         try:
             return self._add(index, cell, capture, conditions, truth, bound)
         except OSError as error:
-            raise _unusable(error) from error
+            raise unusable(error) from error
 
     def _add(
         self,

@@ -72,13 +72,15 @@ def _held(scene: Scene, path: str) -> Any:
     apply_overrides(data, {path: None})  # a path that leads nowhere is told with near matches
     node: Any = data
     for part in filter(None, head.split(".")):
-        if isinstance(node, list):
-            node = next((x for x in node if isinstance(x, dict) and x.get("name") == part), None) or node[int(part)]
-        else:
-            node = node[part]
-    if isinstance(node, list):
-        return node[int(last)]
-    return node.get(last)
+        node = _item(node, part) if isinstance(node, list) else node[part]
+    return _item(node, last) if isinstance(node, list) else node.get(last)
+
+
+def _item(items: list[Any], key: str) -> Any:
+    """An item of a list by its index or its name, as overrides find it."""
+    if key.lstrip("-").isdigit():
+        return items[int(key)]
+    return next(item for item in items if isinstance(item, dict) and item.get("name") == key)
 
 
 def stressed(scene: Scene, levels: Sequence[tuple[str, float]]) -> tuple[Scene, Overrides]:

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
 
 from ..scenes.base import Positive, Spec
+from ..scenes.errors import InputError
 
-__all__ = ["Calibration", "Condition", "Limits", "SceneEntry", "Seeds", "Split", "Stress", "Suite"]
+__all__ = ["Calibration", "Condition", "Limits", "SceneEntry", "Seeds", "Split", "Stress", "Suite", "check_split"]
 
 Condition = Literal["matched", "calibrated"]
 Split = Literal["dev", "test"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def check_split(split: str) -> None:
+    """Refuse a name that is no share of the seeds.
+
+    Raises:
+        InputError: neither "dev" nor "test".
+    """
+    if split not in get_args(Split):
+        raise InputError("The suite's seeds are not split like this.", where="split", value=split, allowed="dev, test")
 
 
 class SceneEntry(Spec):
@@ -73,6 +85,8 @@ class Limits(Spec):
         give_up_after: so many captures in a row over a limit of time or memory, and the rest is skipped.
     """
 
+    example: ClassVar[str] = "beambench estimate --help"
+
     time_s: Positive
     memory_bytes: Annotated[int, Field(ge=2**20)]
     warmup_s: Positive = 120.0
@@ -87,7 +101,8 @@ class Calibration(Spec):
         pulse_photoelectrons: recorded of the pulse, in all.
         gate_photoelectrons: recorded per delay step with the gate open.
     Other arguments:
-        seed: of its noise; apart from the captures' seeds, so that all captures share one calibration.
+        seed: of its noise, beside the captures' seeds: each scene and seed draws its own calibration, and another seed
+        here draws them all anew.
     """
 
     pulse_photoelectrons: Positive
@@ -105,6 +120,8 @@ class Suite(Spec):
         fidelity, rtol: passed to the generator.
     """
 
+    example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'suites' / 'quickstart.toml'}"
+
     schema_version: Literal[1] = 1
     suite: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
     version: Annotated[int, Field(ge=1)] = 1
@@ -116,7 +133,7 @@ class Suite(Spec):
     calibration: Calibration | None = None
     estimators: Annotated[tuple[str, ...], Field(min_length=1)]
     failure_at: Positive | None = None
-    fidelity: str = "direct"
+    fidelity: Literal["direct", "scatter", "full", "auto"] = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
     limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
 

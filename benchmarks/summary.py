@@ -1,9 +1,12 @@
 """summary.csv: seeds pooled per scene, stress level, condition and estimator, with intervals.
 
-Squares are pooled as squares (weights: elements). Rates have Wilson intervals on the number of elements; `rmse_full`
-and `efficiency` have t intervals over seeds, which is what varies independently, and none with one seed. `regular` is
-the share of seeds whose bound is the Cramér-Rao bound, reached by an efficient estimator ("exact", "quasi"); `bound_kind`
-is the weakest of theirs.
+Squares are pooled as squares (weights: elements). Seeds are what varies independently, so that all intervals are over
+seeds, and none is told with one seed: of rates that of proportions in clusters (`clustered_interval`; where no element
+failed, or all, each seed counts as one element), of `rmse_full` Student's t of the mean square's logarithm, of `efficiency`
+that of its inverse. An efficiency is NaN where a seed has none or where the pooled bias is real (`statistics.bias_is_real`), its
+interval where few seeds hold most of the squared error (`statistics.concentrated`). With one seed the interval of the
+efficiency is the one over blocks of pixels. `regular` is the share of seeds whose bound is the Cramér-Rao bound, reached
+by an efficient estimator ("exact", "quasi"); `bound_kind` is the weakest of theirs.
 """
 
 from __future__ import annotations
@@ -14,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from .inference_rates import wilson_interval
+from .inference_rates import clustered_interval, wilson_interval
 from .score import REGULAR_KINDS
+from .statistics import bias_is_real, concentrated, weakest_kind
 
 __all__ = ["SUMMARY_COLUMNS", "summarise", "wilson_interval"]
 
@@ -30,19 +34,25 @@ SUMMARY_COLUMNS = (
     "efficiency_lo", "efficiency_hi", "z_rms", "cover95", "cpu_s", "cpu_s_lo", "cpu_s_hi", "throughput", "peak_bytes", "status",
 )  # fmt: skip
 
-#: What a pooled bound may still be called.
-_WEAKEST_FIRST = ("none", "ziv-zakai", "bayes", "quasi", "exact")
 
+def _mean_interval(values: list[float], weights: list[float]) -> tuple[float, float]:
+    """95 % interval of the mean Σ w v/Σ w of what is not negative over independent seeds; it holds that mean.
 
-def _t_interval(values: list[float]) -> tuple[float, float]:
-    """95 % t interval of the mean of a few independent values."""
+    Student's t of the logarithm, linearised: squares are skewed, and nothing lies below zero. (NaN, NaN) with one seed.
+    """
     from scipy.stats import t
 
-    if len(values) < 2:
+    pairs = [(v, w) for v, w in zip(values, weights, strict=True) if not math.isnan(v) and w > 0]
+    if len(pairs) < 2:
         return math.nan, math.nan
-    mean, error = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    half = float(t.ppf(0.975, len(values) - 1)) * error
-    return mean - half, mean + half
+    value, weight = np.array(pairs).T
+    share = weight / weight.sum()
+    mean = float((share * value).sum())
+    if mean == 0:
+        return 0.0, 0.0
+    spread = float(((share * (value / mean - 1.0)) ** 2).sum()) * len(pairs) / (len(pairs) - 1)
+    half = float(t.ppf(0.975, len(pairs) - 1)) * math.sqrt(spread)
+    return mean * math.exp(-half), mean * math.exp(half)
 
 
 def _mean(values: list[float], weights: list[float]) -> float:
@@ -65,15 +75,17 @@ def _pool(group: list[dict[str, Any]]) -> dict[str, Any]:
     first, n = group[0], column("n")
     valid = [count * c if not math.isnan(c) else 0.0 for count, c in zip(n, column("coverage"), strict=True)]
     total = int(sum(n))
-    coverage, failure = _mean(column("coverage"), n), _mean(column("failure_rate"), n)
-    full = [v for v in column("rmse_full") if not math.isnan(v)]
+    (coverage, coverage_lo, coverage_hi), (failure, failure_lo, failure_hi) = (
+        clustered_interval(np.array(column(name)) * n, n) for name in ("coverage", "failure_rate")
+    )
+    bias, rmse = _mean(column("bias"), valid), math.sqrt(_mean([v * v for v in column("rmse")], valid))
+    full_lo, full_hi = map(math.sqrt, _mean_interval([v * v for v in column("rmse_full")], n))
     inverse = [1.0 / v for v in column("efficiency")]
-    whole = inverse if not any(map(math.isnan, inverse)) else []
-    low, high = _t_interval(whole)
-    coverage_lo, coverage_hi = wilson_interval(coverage * total, total) if total else (math.nan, math.nan)
-    failure_lo, failure_hi = wilson_interval(failure * total, total) if total else (math.nan, math.nan)
-    full_lo, full_hi = _t_interval(full)
-    cpu = [v for v in column("cpu_s") if not math.isnan(v)]
+    whole = [] if any(map(math.isnan, inverse)) or bias_is_real(bias, rmse, sum(valid)) else inverse
+    low, high = _mean_interval(whole, [1.0] * len(whole)) if whole and not concentrated(whole) else (math.nan, math.nan)
+    cpu, speed, memory = (
+        [v for v in column(name) if not math.isnan(v)] for name in ("cpu_s", "throughput", "peak_bytes")
+    )
     one = len(group) == 1
     kinds = [str(row["bound_kind"]) for row in group]
     bad = sorted({str(row["status"]) for row in group} - {"ok"})
@@ -82,22 +94,21 @@ def _pool(group: list[dict[str, Any]]) -> dict[str, Any]:
         "seeds": len(group), "n": total,
         "coverage": coverage, "coverage_lo": coverage_lo, "coverage_hi": coverage_hi,
         "failure_rate": failure, "failure_rate_lo": failure_lo, "failure_rate_hi": failure_hi,
-        "bias": _mean(column("bias"), valid),
-        "rmse": math.sqrt(_mean([v * v for v in column("rmse")], valid)),
+        "bias": bias, "rmse": rmse,
         "rmse_full": math.sqrt(_mean([v * v for v in column("rmse_full")], n)),
-        "rmse_full_lo": max(full_lo, 0.0), "rmse_full_hi": full_hi,
+        "rmse_full_lo": full_lo, "rmse_full_hi": full_hi,
         "bound": math.sqrt(_mean([v * v for v in column("bound")], valid)),
-        "bound_kind": min(kinds, key=_WEAKEST_FIRST.index),
+        "bound_kind": weakest_kind(kinds),
         "regular": _mean([math.nan if k == "none" else float(k in REGULAR_KINDS) for k in kinds], [1.0] * len(kinds)),
         "efficiency": 1.0 / float(np.mean(whole)) if whole else math.nan,
-        # With one seed the interval is the one over blocks of pixels; an interval of 1/efficiency is inverted.
+        # An interval of 1/efficiency is inverted.
         "efficiency_lo": float(first["efficiency_lo"]) if one else 1.0 / high,
-        "efficiency_hi": float(first["efficiency_hi"]) if one else (1.0 / low if low > 0 else math.nan),
+        "efficiency_hi": float(first["efficiency_hi"]) if one else 1.0 / low,
         "z_rms": math.sqrt(_mean([v * v for v in column("z_rms")], valid)),
         "cover95": _mean(column("cover95"), valid),
         "cpu_s": float(np.median(cpu)) if cpu else math.nan,
         "cpu_s_lo": min(cpu, default=math.nan), "cpu_s_hi": max(cpu, default=math.nan),
-        "throughput": float(np.median(column("throughput"))),
-        "peak_bytes": max(column("peak_bytes")),
+        "throughput": float(np.median(speed)) if speed else math.nan,
+        "peak_bytes": max(memory, default=math.nan),
         "status": "; ".join(bad) or "ok",
     }  # fmt: skip

@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +15,20 @@ from ..scenes.scene import Scene
 from .bench import Bench, trials_of
 from .breakdown import VARIANTS, breakdown_row, calm_level, change_in_bounds, map_rows, write_breakdown
 from .estimator_labels import Chosen, check_estimators
-from .failure_map import EdgeMap, Point, refine_axis, refine_grid
+from .failure_map import EdgeMap, Point, check_levels, refine_axis, refine_grid
 from .failure_rate import Trial
 from .files import write_json
-from .output import Journal, default_folder, prepare_folder, without_nan
+from .kinds import SWEEP
+from .output import Journal, without_nan
 from .progress import Progress, silent
 from .record import TABLES_VERSION, machine, now, versions
 from .report_breakdown import curve_name, save_maps
 from .skips import not_applicable, skips_of
 from .stress import axis_unit, stressed
 from .suite import CELL_NONE, Cell, Loaded, capture_key, load_suite
-from .suite_spec import Split, Stress
+from .suite_spec import Split, Stress, check_split
 from .tables import write_tables
+from .workplace import output_folder, workplace
 
 __all__ = ["SweepResult", "sweep_suite"]
 
@@ -68,14 +70,16 @@ def sweep_suite(
     Other arguments:
         overrides: see `load_suite`. split: which seeds. budget: levels measured at most, per estimator and axis.
         depth: how often a cell of a two-dimensional grid is halved.
-        resume: keep what an interrupted sweep measured. overwrite: replace an earlier run in `out`.
+        resume: keep what an interrupted sweep measured. overwrite: replace an earlier sweep in `out`, once the new one is
+            complete; until then that is in `out`/unfinished.
         report: write the page. progress, command: as for `run_suite`.
 
     Raises:
-        InputError: bad input, or a suite without a stress.
+        InputError: bad input, a suite without a stress, or levels that no sweep can take; before anything is measured.
     """
-    start, began = time.perf_counter(), now()
+    start = time.perf_counter()
     loaded = load_suite(suite, overrides)
+    check_split(split)
     if not loaded.suite.stresses:
         raise InputError(
             "The suite has no stress to sweep.",
@@ -85,11 +89,40 @@ def sweep_suite(
     if not 2 <= budget <= 1000 or not 0 <= depth <= 8:
         raise InputError("The sweep is too small or too large.", where="budget, depth", value=(budget, depth),
                          allowed="budget 2 … 1000, depth 0 … 8")  # fmt: skip
-    chosen = check_estimators(loaded.suite.estimators)
-    folder = Path(out) if out is not None else default_folder(loaded.suite.suite)
-    prepare_folder(folder, loaded.hash, resume=resume, overwrite=overwrite)
-    spec = loaded.suite
-    sweep = _Sweep(loaded, chosen, Journal(folder, loaded.hash), split, budget, depth, progress)
+    chosen = check_estimators(loaded.suite.estimators, beside=suite)
+    _check_levels(loaded)
+    folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
+    told: dict[str, Any] = {"verb": SWEEP.verb, "split": split, "budget": budget, "depth": depth}
+    sweep = _Sweep(loaded, chosen, split, budget, depth, progress)
+
+    def check(held: Path) -> None:
+        Journal.check(held, loaded.hash, **told)
+
+    with workplace(folder, SWEEP, resume=resume, overwrite=overwrite, check=check) as work:
+        sweep.journal = Journal(work, loaded.hash, **told)
+        result = _sweep_in(work, sweep, told | {"overrides": dict(overrides or {}), "command": list(command)}, report)
+    pictures = [folder / path.relative_to(work) for path in result.pictures]
+    page = folder / result.report.name if result.report is not None else None
+    return replace(result, out=folder, pictures=pictures, report=page, wall_s=time.perf_counter() - start)
+
+
+def _check_levels(loaded: Loaded) -> None:
+    """Refuse levels that do not run one way, or that a scene cannot have."""
+    for stress in loaded.suite.stresses:
+        check_levels(stress.values, stress.axis)
+        if stress.axis2 is not None:
+            check_levels(stress.values2, stress.axis2)
+        for _, scene in loaded.scenes:
+            for level in stress.values:
+                stressed(scene, [(stress.axis, level)])
+            for level in stress.values2 if stress.axis2 is not None else ():
+                stressed(scene, [(stress.axis, stress.values[0]), (stress.axis2 or "", level)])
+
+
+def _sweep_in(folder: Path, sweep: _Sweep, told: dict[str, Any], report: bool) -> SweepResult:
+    """Measure all stresses and write the folder."""
+    start, began = time.perf_counter(), now()
+    loaded, spec, chosen = sweep.loaded, sweep.loaded.suite, sweep.all
     captures = 0
     for condition in spec.conditions:
         with Bench(
@@ -101,13 +134,12 @@ def sweep_suite(
     write_breakdown(folder, sweep.rows, sweep.maps)
     write_tables(folder, sweep.scores)
     record = {
-        "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash, "split": split,
-        "seeds": list(getattr(spec.seeds, split)), "captures": captures, "conditions": list(spec.conditions),
-        "estimators": list(spec.estimators), "overrides": dict(overrides or {}), "command": list(command),
+        "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash,
+        "seeds": list(getattr(spec.seeds, told["split"])), "captures": captures, "conditions": list(spec.conditions),
+        "estimators": list(spec.estimators), **told,
         "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3),
         "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
-        "failures": sweep.failures, "skipped": skips_of(sweep.scores), "budget": budget,
-        "depth": depth,
+        "failures": sweep.failures, "skipped": skips_of(sweep.scores),
     }  # fmt: skip
     write_json(folder / "run.json", record)
     pictures = save_maps(folder, sweep.maps, sweep.rows, sweep.cells)
@@ -116,39 +148,28 @@ def sweep_suite(
         from .report import write_report
 
         page = write_report(folder)
-    wall = time.perf_counter() - start
-    return SweepResult(
-        folder, sweep.rows, sweep.maps, pictures, page, wall, sweep.failures, skips_of(sweep.scores)
-    )  # fmt: skip
+    return SweepResult(folder, sweep.rows, sweep.maps, pictures, page, 0.0, sweep.failures, skips_of(sweep.scores))
 
 
 def _declare(loaded: Loaded, condition: str) -> Any:
     """What changes the declared rig under a condition."""
     if condition == "matched":
         return None
-    from .calibrate import calibrated_rig
+    from .calibrate import Calibrations
 
     calibration = loaded.suite.calibration
     assert calibration is not None
-    known: dict[tuple[str, str], str] = {}
-
-    def declare(cell: Cell, rig: str) -> str:
-        key = (rig, cell.scene.model_dump_json(include={"rig"}))
-        if key not in known:
-            known[key] = calibrated_rig(cell.scene, rig, calibration)
-        return known[key]
-
-    return declare
+    return Calibrations(calibration).declared
 
 
 class _Sweep:
     """The state of one sweep."""
 
     def __init__(
-        self, loaded: Loaded, chosen: list[Chosen], journal: Journal, split: Split, budget: int, depth: int,
-        progress: Progress,
-    ) -> None:  # fmt: skip
-        self.loaded, self.all, self.journal, self.progress = loaded, chosen, journal, progress
+        self, loaded: Loaded, chosen: list[Chosen], split: Split, budget: int, depth: int, progress: Progress
+    ) -> None:
+        self.journal: Journal
+        self.loaded, self.all, self.progress = loaded, chosen, progress
         self.chosen = chosen
         self.budget, self.depth = budget, depth
         self.seeds: tuple[int, ...] = getattr(loaded.suite.seeds, split)

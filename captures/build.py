@@ -33,7 +33,8 @@ def make_capture(
         truth: arrays by name, each starting with `truth_`. With `truth_kind` "rendered" all that the schema requires
             must be there; otherwise what is absent is filled with NaN (codes −1, flags False).
         attrs: at least `rig` and `truth_kind`; mappings and lists become JSON texts. `schema_version` and `modality`
-            are set here.
+            are set here, and `provenance` gets `files`: name and sha256 of each file that `truth_scene` names, which then
+            are bare names.
 
     Arrays are kept as they are where their dtype is allowed, else turned into the schema's dtype if no value changes.
     An `xarray.DataArray` may carry `units` out of those that the schema allows. Raises InputError.
@@ -52,7 +53,7 @@ def make_capture(
                     f"a {modality} capture has no {role} variable of this name",
                     where=f"{role} {name}", value=name, allowed=", ".join(allowed),
                 )  # fmt: skip
-    attributes = _attributes(modality, attrs)
+    attributes = _attributes(modality, _with_sources(attrs))
     sizes: dict[str, int] = dict(FIXED_SIZES)
     arrays: dict[str, tuple[tuple[str, ...], np.ndarray[Any, Any], dict[str, str]]] = {}
     for variable in schema.values():
@@ -107,6 +108,17 @@ def as_json(value: object, where: str) -> str:
         raise InputError(
             f"not representable as JSON: {error}", where=where, value=value, allowed="JSON without NaN or infinity"
         ) from error
+
+
+def _with_sources(attrs: Mapping[str, Any]) -> Mapping[str, Any]:
+    """`attrs` with name and sha256 of the scene's files, and without their folders; unchanged where it has none."""
+    scene, made = attrs.get("truth_scene"), attrs.get("provenance")
+    if not isinstance(scene, Mapping) or not isinstance(made, Mapping):
+        return attrs
+    from .sources import bare_scene, source_files
+
+    files = source_files(scene)
+    return {**attrs, "truth_scene": bare_scene(scene), "provenance": {**made, "files": files}} if files else attrs
 
 
 def _attributes(modality: str, attrs: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,9 +5,11 @@ A partial store is valid up to its last sound line, whatever came after: a torn 
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -16,7 +18,10 @@ from ..scenes.errors import InputError
 from .layout import Structure
 from .manifest import Mark
 
-__all__ = ["JOURNAL", "Journal", "Record", "append_line", "fsync_path", "has_header", "read_journal", "write_file"]
+__all__ = [
+    "JOURNAL", "Journal", "Record", "append_line", "fsync_path", "has_header", "lock_journal", "read_journal",
+    "refuse_busy", "write_file",
+]  # fmt: skip
 
 JOURNAL = "journal.jsonl"
 
@@ -92,6 +97,30 @@ def has_header(partial: Path) -> bool:
             return _payload(file.readline()) is not None
     except FileNotFoundError:
         return False
+
+
+def lock_journal(file: IO[bytes], partial: Path) -> None:
+    """Hold the journal for this process until it is closed. Raises InputError where another process writes the store."""
+    import fcntl
+
+    try:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise InputError(
+            "another process is writing this store",
+            where=str(partial),
+            next_step="wait for it, or choose another --out",
+        ) from error
+    except OSError as error:
+        # Some shared file systems have no locks; there, as everywhere, the journal's checksums tell a mixture.
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
+
+
+def refuse_busy(partial: Path) -> None:
+    """Raise InputError if another process is writing the store; only then is nothing of it moved or removed."""
+    with suppress(FileNotFoundError), open(partial / JOURNAL, "rb") as file:
+        lock_journal(file, partial)
 
 
 def fsync_path(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -14,12 +15,16 @@ from ..scenes.errors import InputError
 from .schema import SCHEMA_VERSION
 
 __all__ = [
+    "ASK_FOR_RIGHTS",
     "MANIFEST",
     "MANIFEST_SUM",
+    "TAKE_ANEW",
+    "UNREADABLE",
     "Manifest",
     "check_metadata",
     "chunk_mark",
     "load_manifest",
+    "read_problem",
     "regular_size",
     "safe_join",
     "sha256_file",
@@ -27,7 +32,13 @@ __all__ = [
 
 MANIFEST = "manifest.json"
 MANIFEST_SUM = "manifest.sha256"
+ASK_FOR_RIGHTS = "nothing shows that it is damaged: take the right to read it, then try again"
+TAKE_ANEW = "take the store from its source again, or generate it anew"
 FORMAT = "beambench-captures"
+#: How the problem of a file begins that is there but could not be read: that tells nothing of its content.
+UNREADABLE = "cannot be read"
+#: What a medium answers that has lost the content; all else (rights, handles, a share that is away) may pass.
+_LOST = {errno.EIO, errno.EBADMSG, getattr(errno, "EUCLEAN", errno.EIO)}
 STORE_VERSION = 1
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*")
 _CHUNK = re.compile(r"c(\.[0-9]{1,10})+")
@@ -44,12 +55,15 @@ class Manifest:
         modality, count: what the captures are, and how many.
         metadata: sha256 by path inside the store.
         chunks: for each array, its chunks' marks by chunk key.
+    Other arguments:
+        sha256: of the manifest's file in hex, where it was read from one.
     """
 
     modality: str
     count: int
     metadata: dict[str, str]
     chunks: dict[str, dict[str, Mark]]
+    sha256: str = ""
 
     def text(self) -> str:
         """The manifest as JSON."""
@@ -73,14 +87,14 @@ def load_manifest(root: Path) -> Manifest:
         raise InputError(
             "not a store of captures, or one that lost its manifest",
             where=str(root), allowed=f"a folder with {MANIFEST} and {MANIFEST_SUM}",
-            next_step="`beambench import` turns other files into captures",
+            next_step="`beambench generate SCENE --out PATH` makes one",
         ) from error  # fmt: skip
     except OSError as error:
         raise InputError(f"the manifest cannot be read: {error.strerror}", where=str(root)) from error
     if expected != (hashlib.sha256(text).hexdigest() + "\n").encode():
         raise InputError(
             "the manifest is damaged: its sha256 does not match",
-            where=str(root / MANIFEST), next_step="take the store from its source again, or generate it anew",
+            where=str(root / MANIFEST), next_step=TAKE_ANEW,
         )  # fmt: skip
     try:
         body = json.loads(text)
@@ -89,7 +103,7 @@ def load_manifest(root: Path) -> Manifest:
             raise InputError(
                 "the store was written under another version of the format",
                 where=str(root), value=versions, allowed=f"{(FORMAT, STORE_VERSION, SCHEMA_VERSION)}",
-                next_step="read it with the beambench that wrote it, or generate or import it anew",
+                next_step="read it with the beambench that wrote it, or generate it anew",
             )  # fmt: skip
         count = int(body["count"])
         chunks = {
@@ -97,7 +111,7 @@ def load_manifest(root: Path) -> Manifest:
             for array, marks in body["chunks"].items()
         }
         metadata = {str(name): str(digest) for name, digest in body["metadata"].items()}
-        return Manifest(str(body["modality"]), count, metadata, chunks)
+        return Manifest(str(body["modality"]), count, metadata, chunks, hashlib.sha256(text).hexdigest())
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -118,8 +132,13 @@ def check_metadata(root: Path, manifest: Manifest) -> list[tuple[str, str]]:
             elif sha256_file(root / name) != expected:
                 problems.append((name, "sha256 does not match"))
         except OSError as error:
-            problems.append((name, f"cannot be read: {error.strerror}"))
+            problems.append((name, read_problem(error)))
     return problems
+
+
+def read_problem(error: OSError) -> str:
+    """What is wrong with a file that gave `error` when read: lost content, or one that cannot be read now."""
+    return f"{'lost' if error.errno in _LOST else UNREADABLE}: {error.strerror or error}"
 
 
 def safe_join(root: Path, key: str) -> Path:

@@ -43,10 +43,11 @@ def refuse_existing(path: Path, overwrite: bool) -> None:
         )  # fmt: skip
 
 
-def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool) -> None:
+def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, keep_replaced: Path | None = None) -> None:
     """Give the captures of `journal` in `partial` the final name `path`. Raises OSError, InputError.
 
-    An existing store at `path` is moved aside, and removed only after the new one has taken its place.
+    An existing store at `path` is moved aside, and removed only after the new one has taken its place; it stays under
+    the name `keep_replaced` where one is given.
     """
     if not journal.records:
         raise InputError("there is no complete capture to store", where=str(path))
@@ -63,7 +64,7 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool) -> 
     for name in journal.structure:
         fsync_path(partial / name)
     fsync_path(partial)
-    _exchange(partial, path, overwrite)
+    _exchange(partial, path, overwrite, keep_replaced)
     (path / JOURNAL).unlink(missing_ok=True)
     fsync_path(path)
 
@@ -106,12 +107,12 @@ def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
                 (partial / name / file).unlink()
 
 
-def _exchange(partial: Path, path: Path, overwrite: bool) -> None:
+def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | None) -> None:
     refuse_existing(path, overwrite)
-    aside = path.with_name(path.name + ".replaced")
+    aside = keep_replaced or path.with_name(path.name + ".replaced")
     replacing = path.exists()
     if replacing:
-        if is_store(aside):
+        if keep_replaced is None and is_store(aside):
             shutil.rmtree(aside)
         os.rename(path, aside)
     try:
@@ -121,5 +122,5 @@ def _exchange(partial: Path, path: Path, overwrite: bool) -> None:
             os.rename(aside, path)
         raise
     fsync_path(path.parent)
-    if replacing:
+    if replacing and keep_replaced is None:
         shutil.rmtree(aside)

@@ -13,7 +13,19 @@ import numpy as np
 
 from ..scenes.errors import InputError
 from .layout import decode_attributes, open_arrays
-from .manifest import Manifest, Mark, check_metadata, chunk_mark, load_manifest, regular_size, safe_join
+from .manifest import (
+    ASK_FOR_RIGHTS,
+    TAKE_ANEW,
+    UNREADABLE,
+    Manifest,
+    Mark,
+    check_metadata,
+    chunk_mark,
+    load_manifest,
+    read_problem,
+    regular_size,
+    safe_join,
+)
 from .publish import partial_of
 from .validate import validate
 
@@ -33,7 +45,7 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
     Raises InputError: nothing there, a file, not a store, unfinished, another version, damaged metadata, missing or
     truncated chunks. Damage inside a chunk is found when its capture is read, or by `verify`.
     """
-    root = Path(path)
+    root = Path(path).expanduser()
     _check_kind(root)
     manifest = load_manifest(root)
     problems = check_metadata(root, manifest)
@@ -42,20 +54,34 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
         for array, marks in manifest.chunks.items():
             folder = safe_join(root, array)
             for key, (size, _) in marks.items():
-                found = regular_size(safe_join(folder, key))
+                try:
+                    found = regular_size(safe_join(folder, key))
+                except OSError as error:
+                    problems.append((f"{array}/{key}", read_problem(error)))
+                    continue
                 if found != size:
                     problems.append((f"{array}/{key}", "missing" if found is None else f"{found} bytes, not {size}"))
     if problems:
-        raise InputError(
-            f"the store is damaged: {problems[0][0]}: {problems[0][1]}"
-            + (f", and {len(problems) - 1} more" if len(problems) > 1 else ""),
-            where=str(root),
-            next_step=f"`beambench data verify {root}` lists the damage, `beambench data repair {root}` keeps the rest",
-        )
+        raise _refusal(root, problems)
     for array in names:
         if not (root / array).resolve().is_relative_to(root.resolve()):
             raise InputError("a folder of the store leads out of it", where=str(root / array))
     return unchecked_captures(root, manifest)
+
+
+def _refusal(root: Path, problems: list[tuple[str, str]]) -> InputError:
+    refused = [entry for entry in problems if entry[1].startswith(UNREADABLE)]
+    (name, problem), *more = refused or problems
+    told = f"{name}: {problem}" + (f", and {len(more)} more" if more else "")
+    if refused:
+        return InputError(f"a file of the store cannot be read: {told}", where=str(root), next_step=ASK_FOR_RIGHTS)
+    if any(name.endswith("zarr.json") for name, _ in problems):
+        return InputError(f"the store is damaged: {told}", where=str(root), next_step=TAKE_ANEW)
+    return InputError(
+        f"the store is damaged: {told}",
+        where=str(root),
+        next_step=f"`beambench data verify {root}` lists the damage, `beambench data repair {root}` keeps the rest",
+    )
 
 
 def unchecked_captures(root: Path, manifest: Manifest) -> CaptureSet:
@@ -64,7 +90,7 @@ def unchecked_captures(root: Path, manifest: Manifest) -> CaptureSet:
         attributes = json.loads((root / "zarr.json").read_bytes())["attributes"]
         captures = CaptureSet(
             root, manifest.modality, attributes["variables"], attributes["coordinates"].split(),
-            attributes["captures"], attributes["texts"], manifest.chunks,
+            attributes["captures"], attributes["texts"], manifest.chunks, manifest.sha256,
         )  # fmt: skip
         expected = {name: array.nchunks for name, array in captures.arrays.items()}
         agree = len(captures) == manifest.count and expected == {name: len(m) for name, m in manifest.chunks.items()}
@@ -79,7 +105,7 @@ class CaptureSet:
     """The captures of a store as a sequence: `len(s)`, `s[i]`, `for capture in s`; one in memory at a time.
 
     `path` and `modality` tell what they are; `attributes(i)` reads a capture's attributes without its arrays, and
-    `load(i, names)` only some of its variables.
+    `load(i, names)` only some of its variables. `sha256` is that of the manifest: it names all that the store holds.
     """
 
     def __init__(
@@ -91,7 +117,9 @@ class CaptureSet:
         records: list[dict[str, list[Any]]],
         texts: dict[str, str],
         chunks: dict[str, dict[str, Mark]],
+        sha256: str = "",
     ) -> None:
+        self.sha256 = sha256
         self.path, self.modality, self.variables = path, modality, tuple(variables)
         self._coordinates, self._records, self._texts = frozenset(coordinates), records, texts
         self._marks: list[list[tuple[str, str, Mark]]] = [[] for _ in records]
@@ -170,14 +198,16 @@ class CaptureSet:
                 sound = (
                     regular_size(self.path / array / key) is not None and chunk_mark(self.path / array / key) == mark
                 )
-            except OSError:
-                sound = False
+            except OSError as error:
+                raise _refusal(self.path, [(f"{array}/{key}", read_problem(error))]) from error
             if not sound:
                 raise self._damage(f"{array}/{key}", "missing, or not the chunk that was written")
 
     def _read(self, name: str, number: int) -> np.ndarray[Any, Any]:
         try:
             return np.asarray(self.arrays[name][number])
+        except PermissionError as error:
+            raise _refusal(self.path, [(f"{name}, capture {number}", read_problem(error))]) from error
         except (OSError, ValueError, RuntimeError) as error:
             raise self._damage(f"{name}, capture {number}", str(error)) from error
 
@@ -203,7 +233,7 @@ def _check_kind(root: Path) -> None:
         raise InputError(
             "a file, not a store of captures",
             where=str(root), allowed="a folder written by beambench",
-            next_step="`beambench import` turns other files into captures",
+            next_step="`beambench generate SCENE --out PATH` makes one",
         )  # fmt: skip
     partial = partial_of(root)
     raise InputError(

@@ -13,11 +13,23 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from ..scenes.errors import InputError
-from .journal import JOURNAL, Journal, Record, append_line, fsync_path, has_header, read_journal, write_file
+from .journal import (
+    JOURNAL,
+    Journal,
+    Record,
+    append_line,
+    fsync_path,
+    has_header,
+    lock_journal,
+    read_journal,
+    refuse_busy,
+    write_file,
+)
 from .layout import (
     CAPACITY,
     Structure,
     chunk_keys,
+    decode_attributes,
     encode_attributes,
     metadata_files,
     open_arrays,
@@ -67,14 +79,23 @@ class CaptureWriter:
     Main arguments:
         path: the store; it is written as `path`.partial first.
         overwrite, resume: as for `write`.
+    Other arguments:
+        keep_replaced: the name that an overwritten store gets; it is removed if None.
 
-    `count` is the number of complete captures. Raises InputError as `write` does.
+    `count` is the number of complete captures, `attributes(i)` what one of them records. Raises InputError as `write` does.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, overwrite: bool = False, resume: bool = False) -> None:
-        self.path = Path(path)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        overwrite: bool = False,
+        resume: bool = False,
+        keep_replaced: Path | None = None,
+    ) -> None:
+        self.path = Path(path).expanduser()
         self.partial = partial_of(self.path)
-        self.overwrite = overwrite
+        self.overwrite, self._keep_replaced = overwrite, keep_replaced
         self._journal: Journal | None = None
         self._arrays: dict[str, zarr.Array[Any]] = {}
         self._texts: dict[str, str] = {}
@@ -92,6 +113,12 @@ class CaptureWriter:
     def count(self) -> int:
         """Number of complete captures on disk."""
         return len(self._journal.records) if self._journal else 0
+
+    def attributes(self, index: int) -> dict[str, Any]:
+        """Attributes of a complete capture, as its `Dataset` had them. Raises IndexError."""
+        if self._journal is None:
+            raise IndexError(index)
+        return decode_attributes(self._journal.records[index].attrs, self._texts)
 
     def append(self, capture: xr.Dataset) -> None:
         """Validate and write one capture; it is on disk when this returns. Raises InputError."""
@@ -127,7 +154,7 @@ class CaptureWriter:
             self.abandon()
             raise InputError("there is no capture to write", where=str(self.path), allowed="at least one capture")
         try:
-            publish(self.partial, self.path, self._journal, overwrite=self.overwrite)
+            publish(self.partial, self.path, self._journal, overwrite=self.overwrite, keep_replaced=self._keep_replaced)
         except OSError as error:
             raise disk_error(error, "completing the store", self.path, self._advice()) from error
 
@@ -167,12 +194,14 @@ class CaptureWriter:
                     next_step=f"`beambench data finalize {self.partial}` keeps its complete captures; "
                     "--resume continues it; or remove it",
                 )
+            refuse_busy(self.partial)
             shutil.rmtree(self.partial)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.partial.mkdir()
         try:
             # An empty journal marks the folder as ours from the first moment on.
             self._file = open(self.partial / JOURNAL, "ab")  # noqa: SIM115 (closed by _release)
+            lock_journal(self._file, self.partial)
         except OSError:
             self.partial.rmdir()
             raise
@@ -181,10 +210,15 @@ class CaptureWriter:
         """Continue the partial store; False if there is none, or it has no capture yet."""
         if not is_store(self.partial) or not has_header(self.partial):
             return False
-        self._journal = journal = read_journal(self.partial)
-        self._texts = journal.texts
-        self._open_arrays(journal.structure)
         self._file = open(self.partial / JOURNAL, "r+b")  # noqa: SIM115 (closed by _release)
+        try:
+            lock_journal(self._file, self.partial)
+            self._journal = journal = read_journal(self.partial)
+            self._texts = journal.texts
+            self._open_arrays(journal.structure)
+        except BaseException:
+            self._release()
+            raise
         self._file.truncate(journal.sound_bytes)
         self._file.seek(journal.sound_bytes)
         return True

@@ -32,7 +32,10 @@ def main(run: Path) -> None:
 
 
 def table(run: Path) -> str:
-    """The matched condition as a Markdown table: RMSE over all pixels in mm, beside it the coverage; CPU as a ratio."""
+    """The matched condition as a Markdown table: RMSE over all pixels in mm, beside it the coverage; CPU as a ratio.
+
+    The efficiency is the harmonic mean over all scenes: 1/efficiency is a mean square; a scene without one leaves it out.
+    """
     scores = pd.read_csv(run / "scores.csv", dtype={"level": str})
     scores = scores[(scores.condition == "matched") & (scores.quantity == "range")]
     scores["name"] = [
@@ -48,7 +51,7 @@ def table(run: Path) -> str:
     for name, rows in sorted(scores.groupby("name"), key=lambda item: item[1].rmse_full.mean()):
         by = rows.set_index("scene")
         cells = [f"{by.rmse_full[s] * 1e3:.3g} ({by.coverage[s]:.0%})" for s in scenes]
-        efficiency = rows.efficiency.mean()
+        efficiency = np.nan if by.efficiency.reindex(scenes).isna().any() else len(rows) / (1 / rows.efficiency).sum()
         shown = "–" if np.isnan(efficiency) else f"{efficiency:.2f}"
         lines.append(f"| `{name}` | " + " | ".join(cells) + f" | {shown} | {rows.cpu_s.mean() / fastest:.0f} |")
     return "\n".join(lines)

@@ -16,7 +16,10 @@ Float = npt.NDArray[np.float64]
 
 
 def from_off_slices(stack: Stack) -> tuple[Float, float]:
-    """Mean count [DN] (row, col) of the laser-off slices, and how many there are. Raises InputError where none is."""
+    """Mean count [DN] (row, col) of the laser-off slices per nominal exposure, and how many such exposures they are.
+
+    Raises InputError where there is none.
+    """
     off = stack.slices[stack.group >= stack.signal]
     if off.size == 0:
         raise InputError(
@@ -28,11 +31,13 @@ def from_off_slices(stack: Stack) -> tuple[Float, float]:
     total = np.zeros(stack.counts.shape[1:])
     for k in off:
         total += stack.counts[k]
-    return total / off.size, float(off.size)
+    exposures = float(stack.exposure[stack.signal]) / stack.frames
+    offset = stack.instrument.offset_dn
+    return offset + (total - off.size * offset) / exposures, exposures
 
 
 @kernel(error_model="numpy")
-def _outside(counts, slices, group, centroid, signal, reach, offset, background, number):  # type: ignore[no-untyped-def]
+def _outside(counts, slices, group, share, centroid, signal, reach, offset, background, number):  # type: ignore[no-untyped-def]
     rows, cols = counts.shape[1], counts.shape[2]
     bad = np.zeros(TILE, np.int64)
     for row in range(rows):
@@ -42,7 +47,8 @@ def _outside(counts, slices, group, centroid, signal, reach, offset, background,
             load_row(counts, slices, group, row, first, offset, 1.0, np.inf, y, bad[:width])
             for c in range(width):
                 k = 0
-                for g in range(1, signal):
+                for g in range(signal):
+                    y[c, g] *= share[g]
                     if y[c, g] > y[c, k]:
                         k = g
                 total, n = 0.0, 0
@@ -55,16 +61,14 @@ def _outside(counts, slices, group, centroid, signal, reach, offset, background,
 
 
 def from_outside(stack: Stack) -> tuple[Float, Float]:
-    """Mean count [DN] (row, col) of the slices that lie farther from the brightest than R reaches (1e-3 of its
-    peak), and their number. NaN where there is none. Needs equal numbers of slices per delay."""
+    """Mean count [DN] (row, col) per nominal exposure of the slices that lie farther from the brightest than R reaches
+    (1e-3 of its peak), and how many such exposures they are. NaN where there is none."""
     shape = stack.counts.shape[1:]
     background, number = np.full(shape, np.nan), np.zeros(shape)
     if stack.signal:
         # Beyond, R is under a thousandth of its peak: waiting for 1e-7 would leave no slice in a window of usual length.
         reach = max(0.5 * r.step_s * float((r.value >= 1e-3 * r.peak).sum()) for r in stack.instrument.responses)
-        _outside(stack.counts, stack.slices, stack.group, stack.centroid_delay_s, stack.signal, reach,
-                 stack.instrument.offset_dn, background, number)  # fmt: skip
-    repeats = stack.count[0] if stack.signal else 1.0
-    with np.errstate(invalid="ignore"):
-        level = stack.instrument.offset_dn + (background - stack.instrument.offset_dn) * stack.frames / repeats
-    return level, number * repeats / stack.frames
+        _outside(stack.counts, stack.slices, stack.group, stack.frames / stack.exposure, stack.centroid_delay_s,
+                 stack.signal, reach, stack.instrument.offset_dn, background, number)  # fmt: skip
+    repeats = float(stack.exposure[: stack.signal].mean()) / stack.frames if stack.signal else 1.0
+    return background, number * repeats

@@ -44,7 +44,9 @@ def expected_electrons(rig: Instrument, range_m: Float, reflection: Float) -> Fl
 
 
 @kernel(error_model="numpy")
-def _iterate(counts, slices, group, levels, noise, share, number, table, bounds, start, alpha, level, tau, sigma, ok):  # type: ignore[no-untyped-def]
+def _iterate(  # type: ignore[no-untyped-def]
+    counts, slices, group, levels, noise, share, number, reads, table, bounds, start, alpha, level, tau, sigma, ok
+):
     """Move τ until the weighted centroid of the data is that of the model A·R + B with the same weights."""
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
@@ -89,7 +91,7 @@ def _iterate(counts, slices, group, levels, noise, share, number, table, bounds,
                         d = table[j, 1, g] + 2 * f * table[j, 2, g]
                         gap -= w[g] * (g - centre) * (amplitude * r + b)
                         gain += w[g] * (g - centre) * amplitude * d
-                        s = excess * (amplitude * r + max(b, 0.0)) + floor
+                        s = excess * (amplitude * r + max(b, 0.0)) + floor * reads[g]
                         variance += (w[g] * (g - centre)) ** 2 * s / number[g]
                     if not gain > 0:
                         break
@@ -142,7 +144,8 @@ def chua_2016(
     table = np.ascontiguousarray(design.table[:, :, :n] * share)
     _iterate(
         stack.counts, stack.slices[signal], stack.group[signal], (rig.offset_dn, 1 / rig.dn_per_pe, rig.saturation_dn),
-        (rig.excess, rig.floor_var), share, stack.count[:n], table, (design.low, design.high, 0.7 * design.width),
+        (rig.excess, rig.floor_var), share, stack.exposure[:n], stack.reads[:n], table,
+        (design.low, design.high, 0.7 * design.width),
         np.clip((first_guess - design.origin_s) / design.step_s, design.low, design.high),
         np.maximum(alpha, 1e-12), background, tau, sigma, ok,
     )  # fmt: skip

@@ -21,15 +21,23 @@ CITES = "Chua, Guo and Wang, Sensors 17(9):2031, 2017, Eq. 23-24 of the seed tex
 
 
 def model_angle(rig: Instrument, k: float, phi: float | None) -> Float:
-    """θ(x, y) = (ρ/ρ_max)^k·φ [rad] (Eq. 12, 13): ρ from the principal point, ρ_max at the array's farthest corner.
+    """θ(x, y) = (ρ/ρ_max)^k·φ [rad] (Eq. 12, 13), (row, col): ρ from the principal point [px].
 
-    φ is the declared beam half angle where it is not given.
+    The text lets the illumination cover "an area within (x_max, y_max) with half diverging cone propagation of angle φ":
+    φ belongs to the cone's edge. So with the declared beam half angle (phi None) ρ_max = focal length·tan φ, where that
+    edge falls on the array's plane, be it inside the array or beyond. A phi that is given is the angle at the array's
+    farthest corner, ρ_max that corner's ρ: the reading of (x_max, y_max) as the image's size. At most π/2.
     """
     x = (np.arange(rig.cols) - rig.principal_col)[None, :]
     y = (np.arange(rig.rows) - rig.principal_row)[:, None]
     rho = np.hypot(x, y)
-    angle = phi if phi is not None else float(rig.rig["laser"]["half_angle_rad"])
-    return np.asarray((rho / max(float(rho.max()), 1e-300)) ** k * angle)
+    if phi is None:
+        angle = float(rig.rig["laser"]["half_angle_rad"])
+        edge = rig.focal_px * np.tan(min(angle, 0.5 * np.pi))
+    else:
+        angle, edge = phi, float(rho.max())
+    with np.errstate(over="ignore", divide="ignore"):
+        return np.asarray(np.minimum((rho / max(edge, 1e-300)) ** k * angle, 0.5 * np.pi))
 
 
 def printed_reflection(theta: Float, k_s: float, k_d: float, slope: float, diffusivity: float) -> Float:
@@ -42,7 +50,7 @@ def printed_reflection(theta: Float, k_s: float, k_d: float, slope: float, diffu
 
 
 @kernel(error_model="numpy")
-def _moments(counts, slices, group, levels, noise, share, number, t, reflection, threshold, tau, sigma, ok):  # type: ignore[no-untyped-def]
+def _moments(counts, slices, group, levels, noise, share, number, reads, t, reflection, threshold, tau, sigma, ok):  # type: ignore[no-untyped-def]
     """Σ f⁻¹ w I t³ / Σ f⁻¹ w I t² with w = 1, the factor of Eq. 23 in every term as printed."""
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
@@ -61,7 +69,7 @@ def _moments(counts, slices, group, levels, noise, share, number, t, reflection,
                     v = y[c, g] * share[g]
                     top = max(top, v)
                     light += v
-                    quiet += (excess * max(v, 0.0) + floor) / number[g]
+                    quiet += (excess * max(v, 0.0) + floor * reads[g]) / number[g]
                 up, down = 0.0, 0.0
                 for g in range(t.size):
                     v = y[c, g] * share[g]
@@ -74,7 +82,7 @@ def _moments(counts, slices, group, levels, noise, share, number, t, reflection,
                     v = y[c, g] * share[g]
                     if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
                         lever = factor * t[g] ** 2 * (t[g] - mean) / down if down > 0 else np.nan
-                        variance += lever * lever * (excess * max(v, 0.0) + floor) / number[g]
+                        variance += lever * lever * (excess * max(v, 0.0) + floor * reads[g]) / number[g]
                 tau[row, col] = mean
                 sigma[row, col] = np.sqrt(variance)
                 ok[row, col] = bad[c] == 0 and light > 3 * np.sqrt(quiet)
@@ -87,8 +95,8 @@ def _average(stack: Stack, reflection: Float, threshold: float) -> tuple[Float, 
     if stack.signal:
         _moments(
             stack.counts, stack.slices, stack.group, (rig.offset_dn, 1 / rig.dn_per_pe, rig.saturation_dn),
-            (rig.excess, rig.floor_var), stack.frames / stack.exposure, stack.count, stack.centroid_delay_s,
-            reflection, threshold, tau, sigma, ok,
+            (rig.excess, rig.floor_var), stack.frames / stack.exposure, stack.exposure, stack.reads,
+            stack.centroid_delay_s, reflection, threshold, tau, sigma, ok,
         )  # fmt: skip
     return tau, sigma, ok
 
@@ -124,8 +132,9 @@ def chua_2017(
     same. t_i is the delay plus R's centroid. What the printed model does to the radial range that a time of flight
     is: it divides by cos θ_m (orthogonal → radial, a second time), and r³/r² moves a symmetric echo out by 2σ²/r; a
     background pulls as in `weighted-average`. The result is returned as it comes, as the radial range [m].
-    Other arguments: k_s, k_d, slope, diffusivity: K_S, K_D, s, m of Eq. 4; k, phi [rad]: Eq. 13 (phi: the declared
-    beam half angle); threshold: samples below this fraction of the pixel's greatest are left out (printed: 0).
+    Other arguments: k_s, k_d, slope, diffusivity: K_S, K_D, s, m of Eq. 4; k, phi [rad]: Eq. 13 (None: the declared beam
+    half angle at the cone's edge; a number: the angle at the array's farthest corner); threshold: samples below this
+    fraction of the pixel's greatest are left out (printed: 0).
     Returns range, sigma [m] by error propagation, valid (row, col). Raises InputError for parameters out of range.
     """
     _rig, radial, error, ok, cos = _run(capture, k_s, k_d, slope, diffusivity, k, phi, threshold)

@@ -52,7 +52,7 @@ def _shape(t, q, k, row):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _fit_rows(counts, slices, group, levels, noise, share, number, t, width, snr, tau, sigma, ok):  # type: ignore[no-untyped-def]
+def _fit_rows(counts, slices, group, levels, noise, share, number, reads, t, width, snr, tau, sigma, ok):  # type: ignore[no-untyped-def]
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
     excess, floor = noise
@@ -131,7 +131,7 @@ def _fit_rows(counts, slices, group, levels, noise, share, number, t, width, snr
                     for k in range(n):
                         mean = _shape(t, q, k, row)
                         lever = step[0] * row[0] + step[1] * row[1] + step[2] * row[2] + step[3] * row[3]
-                        total += lever * lever * (excess * max(mean, 0.0) + floor) / number[k]
+                        total += lever * lever * (excess * max(mean, 0.0) + floor * reads[k]) / number[k]
                     if which == 0 and not q[0] > snr * np.sqrt(total):
                         break
                     if which == 1:
@@ -165,6 +165,7 @@ def gaussian_least_squares(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.D
     _fit_rows(
         stack.counts, stack.slices[used], stack.group[used],
         (rig.offset_dn, 1 / rig.dn_per_pe, rig.saturation_dn), (rig.excess, rig.floor_var),
-        stack.frames / stack.exposure[:n], stack.count[:n], (t - origin) / unit, 1.0, min_snr, tau, sigma, ok,
+        stack.frames / stack.exposure[:n], stack.exposure[:n], stack.reads[:n], (t - origin) / unit, 1.0, min_snr,
+        tau, sigma, ok,
     )  # fmt: skip
     return range_result(*rig.to_range(origin + unit * tau, unit * sigma), ok)

@@ -11,12 +11,14 @@ from .maximum import TILE
 from .poisson_fit import start
 from .stack import Stack, load_row
 
-__all__ = ["FEATURES", "features_of"]
+__all__ = ["FEATURES", "SIGNIFICANCE", "features_of", "resolved"]
 
 Float = npt.NDArray[np.float64]
 #: Samples of the profile, σ_R/2 apart, from −5 to 5 σ_R; then light, significance and the pedestal's share.
 POINTS = 21
 FEATURES = POINTS + 3
+#: Which feature is lg(amplitude/its rough standard error).
+SIGNIFICANCE = POINTS + 1
 
 
 @kernel(error_model="numpy")
@@ -39,6 +41,7 @@ def _read(  # type: ignore[no-untyped-def]
     snr,
     guess,
     out,
+    light_of,
     ok,
 ):
     rows, cols = counts.shape[1], counts.shape[2]
@@ -83,11 +86,22 @@ def _read(  # type: ignore[no-untyped-def]
                 f[POINTS] = np.log10(span + 1.0)
                 f[POINTS + 1] = np.log10(a / spread)
                 f[POINTS + 2] = low / height
-                guess[row, begin + c], ok[row, begin + c] = x, True
+                j = min(max(int(x + 0.5), 0), table.shape[0] - 1)
+                shown = 0.0
+                for g in range(signal):
+                    shown += table[j, 0, g]
+                guess[row, begin + c], light_of[row, begin + c], ok[row, begin + c] = x, a * shown, True
 
 
-def features_of(stack: Stack, min_snr: float) -> tuple[Float, Float, Float, npt.NDArray[np.bool_]]:
-    """(features (row, col, FEATURES), first guess of τ [s] (row, col), σ_R [s] as an array of one, ok (row, col)).
+def resolved(stack: Stack) -> bool:
+    """Whether neighbouring slices are no farther apart than the points of the profile that is read from them."""
+    width_s = float(np.sqrt(stack.instrument.responses[int(stack.gate[0])].variance_s2)) if stack.signal else 0.0
+    return stack.spacing_s() <= 0.5 * width_s * (1 + 1e-9)
+
+
+def features_of(stack: Stack, min_snr: float) -> tuple[Float, Float, Float, npt.NDArray[np.bool_], Float]:
+    """(features (row, col, FEATURES), first guess of τ [s] (row, col), σ_R [s] as an array of one, ok (row, col), the
+    echo's photoelectrons in all slices over F² (row, col)).
 
     The first guess is the start of `poisson-ml`, a matched filter; all else is relative to it and to σ_R, so that an
     answer learned with one rig carries to another whose response has a similar shape.
@@ -95,6 +109,7 @@ def features_of(stack: Stack, min_snr: float) -> tuple[Float, Float, Float, npt.
     rig = stack.instrument
     shape = stack.counts.shape[1:]
     out, guess, ok = np.zeros((*shape, FEATURES)), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
+    light = np.full(shape, np.nan)
     design = design_of(stack)
     place = (stack.centroid_delay_s - design.origin_s) / design.step_s
     shift = stack.count * rig.floor_var / rig.excess**2
@@ -103,6 +118,6 @@ def features_of(stack: Stack, min_snr: float) -> tuple[Float, Float, Float, npt.
             stack.counts, stack.slices, stack.group, stack.exposure, shift,
             (rig.offset_dn, stack.frames / (rig.dn_per_pe * rig.excess), rig.saturation_dn), design.table, design.first,
             design.last, design.candidates, design.box, design.mean, design.norm, place, design.width, min_snr,
-            guess, out, ok,
+            guess, out, light, ok,
         )  # fmt: skip
-    return out, design.origin_s + design.step_s * guess, np.array([design.width * design.step_s]), ok
+    return out, design.origin_s + design.step_s * guess, np.array([design.width * design.step_s]), ok, light

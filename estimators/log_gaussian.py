@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from .maximum import brightest
@@ -10,8 +11,18 @@ from .profiles import Background, background_e
 from .registry import estimator
 from .result import range_result
 from .stack import read_stack
+from .vertex_error import vertex_sigma
 
 __all__ = ["log_gaussian"]
+
+Float = npt.NDArray[np.float64]
+
+
+def _vertex(before: Float, at: Float, after: Float, a: Float, b: Float) -> Float:
+    net = [np.where(y > 0, y, np.nan) for y in (before, at, after)]
+    down, up = np.log(net[0] / net[1]), np.log(net[2] / net[1])
+    bottom = -a * up - b * down
+    return np.asarray(np.where(bottom > 0, 0.5 * (a**2 * up - b**2 * down) / bottom, np.nan))
 
 
 @estimator(
@@ -25,9 +36,9 @@ def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> 
     (for even steps ½·step·(ln y₋ − ln y₊)/(ln y₋ − 2 ln y₀ + ln y₊)). (The source is cited from memory.)
     Other arguments: background: "outside" subtracts the mean of the slices beyond R's reach, "none" nothing: a level
     left in flattens the logarithm's curvature.
-    Returns range, sigma [m], valid (row, col). sigma propagates the three samples' noise through the curvature of ln R,
-    capped by the cell's (a+b)²/12, plus the wander of the brightest slice as in `parabola`. Invalid: maximum at an end,
-    a sample not above the background, clipped or NaN samples, no curvature.
+    Returns range, sigma [m], valid (row, col). sigma is the root mean square error at the pixel's amplitude, level and
+    place in the step, as in `parabola`. Invalid: maximum at an end, a sample not above the background, clipped or NaN
+    samples, no curvature.
     """
     stack = read_stack(capture)
     rig = stack.instrument
@@ -41,26 +52,12 @@ def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> 
     k = np.clip(found.index, 1, stack.signal - 2)
     a, b = t[k] - t[k - 1], t[k + 1] - t[k]
     with np.errstate(divide="ignore", invalid="ignore"):
-        net = [np.where(y > level, y - level, np.nan) for y in (found.before, found.at, found.after)]
-        down, up = np.log(net[0] / net[1]), np.log(net[2] / net[1])
-        bottom = -a * up - b * down
-        x = 0.5 * (a**2 * up - b**2 * down) / bottom
-        # The curvature of ln R itself: the samples' own is so noisy that sigma would follow the noise.
-        response = rig.responses[int(stack.gate[0])]
-        near = [
-            np.log(np.maximum(response(np.asarray(response.peak_s - s))[0] / response.peak, 1e-12)) for s in (-a, b)
-        ]
-        curve = np.maximum(-a * near[1] - b * near[0], 1e-300)
-        d_up, d_down = (0.5 * a**2 + a * x) / curve, (-0.5 * b**2 + b * x) / curve
-        total = np.zeros(shape)
-        levels = (found.before, found.at, found.after)
-        for slope, y, own, g in zip((d_down, -d_up - d_down, d_up), levels, net, (k - 1, k, k + 1), strict=True):
-            total += (slope / own) ** 2 * (rig.excess * np.maximum(y, 0) + rig.floor_var) / stack.count[g]
-        noise = np.sqrt(2 * (rig.excess * np.maximum(found.at, 0) + rig.floor_var) / stack.count[k])
-        wander = response.half_width(noise / np.maximum(net[1], 1e-12))
-        moved = np.maximum(wander**2 - ((a + b) / 4) ** 2, 0) / 20
-        sigma = np.sqrt(1 / (1 / total + 12 / (a + b) ** 2) + moved)
+        x = _vertex(found.before - level, found.at - level, found.after - level, a, b)
         same_gate = (stack.gate[k - 1] == stack.gate[k]) & (stack.gate[k + 1] == stack.gate[k])
-        valid = found.ok & (found.index == k) & (found.bad == 0) & (bottom > 0) & same_gate & (a > 0) & (b > 0)
+        valid = found.ok & (found.index == k) & (found.bad == 0) & same_gate & (a > 0) & (b > 0)
+    if background == "none":
+        sigma = vertex_sigma(stack, found, found.low, x, _vertex, "left")
+    else:
+        sigma = vertex_sigma(stack, found, level, x, _vertex, "mean")
     tau = t[k] + x + np.array([r.peak_s for r in rig.responses])[stack.gate[k]]
     return range_result(*rig.to_range(tau, sigma), valid)

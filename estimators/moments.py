@@ -85,21 +85,23 @@ def _add(counts, k0, k1, p0, p1, s0, s1, s2):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _answer(m0, m1, m2, high, back, sums, noise, scale):  # type: ignore[no-untyped-def]
-    """Value a + b·t and sigma b·√Var t of t = Σx(y−B)/Σ(y−B), with Var t = Σ (x−t)²·Var y + share·(Σ(x−t))²·Var B."""
-    n, t1, t2 = sums
+def _answer(m0, m1, d0, d1, d2, high, back, sums, floors, noise, scale):  # type: ignore[no-untyped-def]
+    """Value a + b·t and sigma b·√Var t of t = Σx(y−B)/Σ(y−B), with Var t = Σ (x−t)²·Var y + share·(Σ(x−t))²·Var B.
+
+    m0, m1: Σ y, Σ x·y of counts with the offset; d0, d1, d2: Σ v·(1, x, x²)·(y − offset), floors: Σ v·(1, x, x²), with v
+    what a slice's own weight makes of its variance. The 3 σ that light must have are 3 σ of the sum as it was averaged.
+    """
+    n, t1, _t2 = sums
+    e0, e1, e2 = floors
     offset, gain, excess, floor, share, limit = noise
     origin, unit, last, spread = scale
     net = m0 - n * back
     inverse = 1 / net
     t = (m1 - t1 * back) * inverse
-    d0 = m0 - n * offset
-    d1 = m1 - t1 * offset
-    d2 = m2 - t2 * offset
     lever = t1 - n * t
-    variance = excess * gain * (d2 - t * (2 * d1 - t * d0)) + floor * (t2 - t * (2 * t1 - n * t))
+    variance = excess * gain * (d2 - t * (2 * d1 - t * d0)) + floor * (e2 - t * (2 * e1 - e0 * t))
     variance += share * lever * lever * (excess * gain * max(back - offset, 0.0) + floor)
-    quiet = excess * gain * max(d0, 0.0) + floor * n
+    quiet = spread * spread * (excess * gain * max(d0, 0.0) + floor * e0)
     good = (net > 0) & (gain * gain * net * net > 9 * quiet) & (variance > 0)
     good = good & (t >= 0) & (t <= last) & (origin + unit * t > 0) & (high < limit)
     value = origin + unit * t if good else np.nan
@@ -110,18 +112,24 @@ def _answer(m0, m1, m2, high, back, sums, noise, scale):  # type: ignore[no-unty
 
 @kernel(error_model="numpy")
 def _finish(m0, m1, m2, high, level, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
+    n, t1, t2 = sums
+    offset = noise[0]
     for i in range(m0.size):
-        value[i], sigma[i], valid[i] = _answer(m0[i], m1[i], m2[i], high[i], level[i], sums, noise, scale)
+        d0, d1, d2 = m0[i] - n * offset, m1[i] - t1 * offset, m2[i] - t2 * offset
+        value[i], sigma[i], valid[i] = _answer(m0[i], m1[i], d0, d1, d2, high[i], level[i], sums, sums, noise, scale)
 
 
 @kernel(error_model="numpy")
 def _finish_whole(s0, s1, s2, high, level, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
     """`_finish` from the running sums of one segment, without a detour through memory; level: one for all pixels."""
+    n, t1, t2 = sums
+    offset = noise[0]
     for i in range(s0.size):
         z0 = float(s0[i])
         z1 = float(s1[i]) - z0
         z2 = 2 * float(s2[i]) - float(s1[i]) - 2 * z1 - z0
-        value[i], sigma[i], valid[i] = _answer(z0, z1, z2, high[i], level, sums, noise, scale)
+        d0, d1, d2 = z0 - n * offset, z1 - t1 * offset, z2 - t2 * offset
+        value[i], sigma[i], valid[i] = _answer(z0, z1, d0, d1, d2, high[i], level, sums, sums, noise, scale)
 
 
 @kernel(error_model="numpy")
@@ -188,35 +196,53 @@ def average_even(counts, begin, end, level, least, sums, noise, scale, value, si
 
 
 @kernel(error_model="numpy")
-def average_general(counts, slices, weight, position, level, least, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
-    """As `average_even` for any layout of counts (slice, row, col) and any position x and weight w per used slice."""
+def average_general(counts, slices, plan, level, least, sums, floors, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
+    """As `average_even` for any layout of counts (slice, row, col) and any slices.
+
+    plan: per used slice the position x; the weight w, 1/Σ pulses of all slices of its delay, which makes their sum a count
+    of nominal exposure; and its own exposure's inverse. Shot noise and read noise grow with w² per slice, not with w:
+    sums are Σ 1, Σ x, Σ x² over delays, floors the same of w² over slices. The level is one of nominal exposure.
+    """
     rows, cols = counts.shape[1], counts.shape[2]
-    a, b, c = np.empty(cols), np.empty(cols), np.empty(cols)
+    position, weight, apart = plan
+    offset = noise[0]
+    shifted = (0.0, noise[1], noise[2], noise[3], noise[4], noise[5])
+    a, b = np.empty(cols), np.empty(cols)
+    d, e, q = np.empty(cols), np.empty(cols), np.empty(cols)
     high, low, back = np.empty(cols), np.empty(cols), np.empty(cols)
     for row in range(rows):
         a[:] = 0.0
         b[:] = 0.0
-        c[:] = 0.0
+        d[:] = 0.0
+        e[:] = 0.0
+        q[:] = 0.0
         high[:] = -np.inf
         low[:] = np.inf
         for i in range(slices.size):
-            k, x, f = slices[i], position[i], weight[i]
+            k, x, f, own = slices[i], position[i], weight[i], apart[i]
+            fx, ff, ffx, ffxx = f * x, f * f, f * f * x, f * f * x * x
             for p in range(cols):
-                y = float(counts[k, row, p])
+                raw = float(counts[k, row, p])
+                y = raw - offset
                 a[p] += f * y
-                b[p] += f * x * y
-                c[p] += f * x * x * y
-                # NaN must reach the test of `_finish`, whatever the order of max's arguments.
-                high[p] = y if not y <= high[p] else high[p]
-                low[p] = min(low[p], y)
+                b[p] += fx * y
+                d[p] += ff * y
+                e[p] += ffx * y
+                q[p] += ffxx * y
+                # NaN must reach the test of `_answer`, whatever the order of max's arguments.
+                high[p] = raw if not raw <= high[p] else high[p]
+                low[p] = min(low[p], y * own)
         if least:
             back[:] = low
         elif level.size == 1:
-            back[:] = level[0]
+            back[:] = level[0] - offset
         else:
-            back[:] = level[row * cols : (row + 1) * cols]
-        cut = slice(row * cols, (row + 1) * cols)
-        _finish(a, b, c, high, back, sums, noise, scale, value[cut], sigma[cut], valid[cut])
+            back[:] = level[row * cols : (row + 1) * cols] - offset
+        for p in range(cols):
+            at = row * cols + p
+            value[at], sigma[at], valid[at] = _answer(
+                a[p], b[p], d[p], e[p], q[p], high[p], back[p], sums, floors, shifted, scale
+            )
 
 
 def even_order(stack: Stack) -> tuple[int, int] | None:

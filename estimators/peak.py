@@ -34,7 +34,8 @@ def peak(capture: xr.Dataset, *, saturated: Literal["refuse", "use"] = "refuse")
         return range_result(nothing, nothing, np.zeros(nothing.shape, dtype=bool))
     tau = stack.delay_s[found.index] + peak_u[stack.gate[found.index]]
     with np.errstate(divide="ignore", invalid="ignore"):
-        noise = np.sqrt(2 * (rig.excess * np.maximum(found.at, 0) + rig.floor_var) / stack.count[found.index])
+        floor = (stack.reads * rig.floor_var)[found.index]
+        noise = np.sqrt(2 * (rig.excess * np.maximum(found.at, 0) + floor) / stack.exposure[found.index])
         drop = noise / np.maximum(found.at - found.low, 1e-12)
     sigma = np.sqrt(stack.spacing_s() ** 2 / 12 + response.half_width(drop) ** 2 / 5)
     valid = found.ok & (found.at > found.low) & ((found.bad == 0) | (saturated == "use"))

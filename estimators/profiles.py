@@ -41,9 +41,10 @@ def blocks(stack: Stack) -> Iterator[tuple[slice, Float, npt.NDArray[np.bool_]]]
 
 
 def variance(stack: Stack, y: Float) -> Float:
-    """Variance [photoelectrons²] of samples y (signal group, …): (F² max(y, 0) + σ_r²)/number summed."""
-    number = stack.count[: stack.signal].reshape(-1, *([1] * (y.ndim - 1)))
-    return np.asarray((stack.instrument.excess * np.maximum(y, 0) + stack.instrument.floor_var) / number)
+    """Variance [photoelectrons²] of samples y (signal group, …): (F² max(y, 0) + reads·σ_r²)/exposure of each group."""
+    exposure, reads = (a[: stack.signal].reshape(-1, *([1] * (y.ndim - 1))) for a in (stack.exposure, stack.reads))
+    rig = stack.instrument
+    return np.asarray((rig.excess * np.maximum(y, 0) + reads * rig.floor_var) / exposure)
 
 
 def background_e(stack: Stack, how: Background) -> Float:

@@ -4,6 +4,7 @@ entry-point group ``beambench.estimators`` (name -> "module:function")."""
 from __future__ import annotations
 
 import importlib
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -26,12 +27,30 @@ _F = TypeVar("_F", bound=Callable[..., xr.Dataset])
 
 @dataclass(frozen=True)
 class Estimator:
-    """A registered algorithm: `function(capture, **params) -> Dataset` with what it reads and where it comes from."""
+    """A registered algorithm: `function(capture, **params) -> Dataset` with what it reads and where it comes from.
+
+    needs: pairs of a path in the declared rig and the value that must stand there ("detector.readout.kind",
+    "single-photon"); an instrument without them is none for this estimator.
+    """
 
     name: str
     modality: str
     cites: str
     function: Callable[..., xr.Dataset]
+    needs: tuple[tuple[str, str], ...] = ()
+
+    def unfit(self, capture: xr.Dataset) -> str:
+        """Why the declared instrument is none for this estimator, "" where it is. Told by the rig, never by the data."""
+        if not self.needs:
+            return ""
+        rig = _declared(str(capture.attrs.get("rig", "")))
+        for path, wanted in self.needs:
+            node: Any = rig
+            for part in path.split("."):
+                node = node.get(part) if isinstance(node, dict) else None
+            if node != wanted:
+                return f"reads rigs whose {path} is {wanted}, not {node}"
+        return ""
 
     def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:
         """Run with checked parameters and a checked result. Raises InputError."""
@@ -44,11 +63,24 @@ class Estimator:
                 value=modality,
                 allowed=self.modality,
             )
+        if reason := self.unfit(capture):
+            raise InputError(f"estimator {self.name} {reason}", where="attribute rig", allowed="another estimator")
         return check_result(self.function(capture, **checked), capture, self.name)
 
 
-def estimator(modality: str, *, cites: str) -> Callable[[_F], _F]:
+@lru_cache(maxsize=16)
+def _declared(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return None
+
+
+def estimator(modality: str, *, cites: str, needs: Mapping[str, str] | None = None) -> Callable[[_F], _F]:
     """Mark a function as an estimator of `modality`; `cites` names the source of the algorithm (author, year, number).
+
+    Other arguments: needs: {path in the declared rig: value} without which the method has no meaning; captures of other
+    instruments are refused with that reason, which a suite shows as a skip.
 
     Raises InputError for an unknown modality or an empty `cites`.
     """
@@ -56,9 +88,13 @@ def estimator(modality: str, *, cites: str) -> Callable[[_F], _F]:
         raise InputError("unknown modality", where="@estimator", value=modality, allowed=", ".join(MODALITIES))
     if not cites.strip():
         raise InputError("an estimator must name its source", where="@estimator(cites=...)", value=cites)
+    for path in needs or {}:
+        # What an instrument is may be needed; what it is called would tell which scene it is.
+        if path.split(".")[-1] == "name":
+            raise InputError("a need is not of the instrument", where="@estimator(needs=...)", value=path)
 
     def mark(function: _F) -> _F:
-        setattr(function, _MARK, (modality, cites))
+        setattr(function, _MARK, (modality, cites, tuple(sorted((needs or {}).items()))))
         return function
 
     return mark
@@ -107,8 +143,8 @@ def _describe(name: str, function: Any, where: str) -> Estimator:
             value=function,
             allowed='a function under @estimator("gated", cites="...")',
         )
-    modality, cites = cast("tuple[str, str]", mark)
-    return Estimator(name=name, modality=modality, cites=cites, function=function)
+    modality, cites, needs = cast("tuple[str, str, tuple[tuple[str, str], ...]]", mark)
+    return Estimator(name=name, modality=modality, cites=cites, function=function, needs=needs)
 
 
 def get_estimator(name: str) -> Estimator:

@@ -54,6 +54,12 @@ class Stack:
         return int(self.delay_s.size)
 
     @property
+    def reads(self) -> Float:
+        """Slices per nominal exposure of every group: a value y of nominal exposure, made of the group's slices, has the
+        variance (F²·y + reads·σ_r²)/exposure, since light grows with the pulses and read noise with the slices."""
+        return np.asarray(self.count / self.exposure)
+
+    @property
     def centroid_delay_s(self) -> Float:
         """Per signal group, the echo time that its response is centred on: delay plus R's centroid."""
         shift = np.array([r.centroid_s for r in self.instrument.responses])

@@ -83,18 +83,25 @@ def waveform_average(
     return _centroid(record, record.z, record.variance(record.z), level, level_var, reach, min_snr)
 
 
-@estimator("waveform", cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (recalled; correction of pile-up)")
+@estimator(
+    "waveform",
+    cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (recalled; correction of pile-up)",
+    needs={"detector.readout.kind": "single-photon"},
+)
 def waveform_coates(capture: xr.Dataset, *, reach: float = 3.0, min_snr: float = 4.0) -> xr.Dataset:
     """Weighted average of the rates λ̂_k = −ln(1 − n_k/live_k) of a single-photon histogram.
 
     live_k are the pulses not blinded by an earlier count. Other arguments: as `waveform-average`. Bins where no pulse
-    is live are left out. Returns range, sigma [m] and valid (shot); analog captures have no pile-up: all invalid.
+    is live are left out. Returns range, sigma [m] and valid (shot). Raises InputError for analog captures, which have no
+    pile-up: the method says nothing of them.
     """
     _check(reach, min_snr, "waveform-coates")
     record = read_record(capture)
     if not record.single_photon:
-        nothing = np.full(len(record.z), np.nan)
-        return shot_result(nothing, nothing, np.zeros(nothing.shape, dtype=bool))
+        raise InputError(
+            "an analog capture has no pile-up to correct", where="attribute rig: detector.readout.kind",
+            value="analog", allowed="single-photon", next_step="waveform-average",
+        )  # fmt: skip
     rate, variance = coates_rate(record.z, record.pulses, record.dead)
     m = record.pulses[:, None]
     known = np.isfinite(rate)

@@ -58,23 +58,26 @@ def weighted_average(
     direct = rig.gate_offset() is None and not rig.laser_m.any()
     factor = rig.m_per_s if direct else 1.0
     group, centroid = stack.group[used], stack.centroid_delay_s
-    weight = stack.frames / stack.exposure[group]
     span = even_order(stack)
     origin = float(centroid.min())
     unit = float((centroid[-1] - centroid[0]) / (centroid.size - 1)) if span is not None else stack.spacing_s()
-    x = np.arange(stack.signal, dtype=np.float64) if span is not None else (centroid[group] - origin) / unit
-    sums = (float(weight.sum()), float((weight * x).sum()), float((weight * x * x).sum()))
+    x = np.arange(stack.signal, dtype=np.float64) if span is not None else (centroid - origin) / unit
+    sums = (float(stack.signal), float(x.sum()), float((x * x).sum()))
     noise = (rig.offset_dn, 1 / rig.dn_per_pe, rig.excess, rig.floor_var, share, rig.saturation_dn)
-    # Averages over repeats and frames: each weight's square is its share of the number that was summed.
-    spread = 1 / float(np.sqrt(stack.count[: stack.signal].mean()))
-    scale = (factor * origin, factor * unit, float(x.max()), spread)
+    # A value that is the mean of some frames has a variance smaller by their number.
+    scale = (factor * origin, factor * unit, float(x.max()), 1 / float(np.sqrt(stack.frames)))
     target = (value, sigma, valid)
     if span is not None:
         flat = stack.counts.reshape(stack.counts.shape[0], -1)
         average_even(flat, *span, level, background == "min", sums, noise, scale, *target)
     else:
-        plan = (stack.slices[used], weight, x)
-        average_general(stack.counts, *plan, level, background == "min", sums, noise, scale, *target)
+        x, weight = x[group], stack.frames / stack.exposure[group]
+        square = weight**2
+        floors = (float(square.sum()), float((square * x).sum()), float((square * x * x).sum()))
+        plan = (x, weight, (stack.count / stack.exposure)[group])
+        average_general(
+            stack.counts, stack.slices[used], plan, level, background == "min", sums, floors, noise, scale, *target
+        )
     value, sigma, valid = value.reshape(shape), sigma.reshape(shape), valid.reshape(shape)
     if direct:
         return masked_result(value, sigma, valid)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scenes.errors import InputError
 from ..scenes.rig import Detector, Intensifier
 from .random import Stage, blocks, generator
 
@@ -86,19 +87,33 @@ def detect(
             e += noise
         e += pattern.offset_e[part]
         e *= gain
-        e += offset
-        np.rint(e, out=e)
+        # An ADC's code is that of the cell which the level falls in, halves up, as the likelihood has it.
+        e += offset + np.float32(0.5)
+        np.floor(e, out=e)
         np.clip(e, 0.0, top, out=e)
         counts[:, part] = e
     return counts
 
 
 def _poisson(draw: np.random.Generator, mean: Float32) -> Float32:
-    """Poisson numbers; beyond 10⁷ the Gaussian limit, whose skewness error is below 3e-4, and which cannot overflow."""
+    """Poisson numbers; beyond 10⁷ the Gaussian limit, whose skewness error is below 3e-4, and which cannot overflow.
+
+    A mean beyond 10³⁰ is taken as that: it fills any well.
+    """
     large = mean > 1e7
-    if not large.any():
-        return draw.poisson(mean).astype(np.float32)
-    small = draw.poisson(np.where(large, 0.0, mean)).astype(np.float32)
+    try:
+        if not large.any():
+            return draw.poisson(mean).astype(np.float32)
+        small = draw.poisson(np.where(large, 0.0, mean)).astype(np.float32)
+    except ValueError as error:  # NumPy looks at every mean; to do so here too would take as long again
+        raise InputError(
+            "Some pixel's expected photoelectrons are no number: a product of the scene's values overflows.",
+            where="rig.laser.pulse_energy_j and what multiplies it",
+            value=f"{int(np.count_nonzero(np.isnan(mean)))} of {mean.size} values",
+            allowed="finite expected photoelectrons",
+            next_step="lower the energy, the pulses per slice, or the camera's aperture and pixel",
+        ) from error
+    mean = np.minimum(mean, np.float32(1e30))
     gauss = mean + np.sqrt(mean) * draw.standard_normal(mean.shape, dtype=np.float32)
     return np.where(large, gauss, small).astype(np.float32)
 

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from ..optics import waveforms
 from ..optics.constants import C_M_PER_S
-from ..optics.correlation import Table, correlation_support, lookup, tabulate
+from ..optics.correlation import Table, correlation_support, lookup
 from ..scenes.declare import group_index, optics_gate, optics_pulse
+from ..scenes.sampling import response_table
 from ..scenes.scene import Scene, gated_rig
 from .echo import Echoes, albedo_at_normal, echoes, without_diffuse
 from .returns import Returns, gather_returns
@@ -57,7 +58,8 @@ def gate_tables(scene: Scene) -> list[Table]:
     """R(u) of every gate, with the pulse broadened by the jitter of single shots."""
     laser = gated_rig(scene).laser
     pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_shot_s)
-    return [tabulate(pulse, optics_gate(gate), _TABLE_RTOL) for gate in gated_rig(scene).gates]
+    gates = enumerate(gated_rig(scene).gates)
+    return [response_table(pulse, optics_gate(g), _TABLE_RTOL, f"{scene.name}: rig.gates.{i}") for i, g in gates]
 
 
 def response_width_s(scene: Scene) -> tuple[float, float]:
@@ -65,7 +67,7 @@ def response_width_s(scene: Scene) -> tuple[float, float]:
     pulse = waveforms.broadened(optics_pulse(gated_rig(scene).laser.pulse), gated_rig(scene).laser.jitter_shot_s)
     gate = optics_gate(gated_rig(scene).gates[0])
     u = np.linspace(*correlation_support(pulse, gate), 4001)
-    r = lookup(tabulate(pulse, gate, 1e-4), u)
+    r = lookup(response_table(pulse, gate, 1e-4, f"{scene.name}: rig.gates.0"), u)
     mean = float((u * r).sum() / r.sum())
     sigma = float(np.sqrt(((u - mean) ** 2 * r).sum() / r.sum()))
     above = u[r >= r.max() / 2]

@@ -21,7 +21,7 @@ from ..optics.gate_maps import gate_offset_map
 from ..scenes.errors import InputError
 from ..scenes.scene import Scene, gated_rig
 from .direct import gate_tables
-from .path_finite import trace_finite
+from .path_finite import FiniteLight, FiniteSums, finite_truth, trace_finite
 from .path_loop import COMPONENTS, Lanes, Moments, Window, trace_lanes
 from .path_single import single_electrons
 from .path_world import PathWorld
@@ -73,11 +73,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the direct rung leaves out. `light` (slices, rows, cols) photoelectrons; `amplitude` and its standard error
-    `sigma` (rows, cols): photoelectrons at an open gate of the path-traced light inside the window of times; `halves`
-    (2, slices, rows, cols): two independent estimates whose mean is `light`; `epsilon`: standard error of the stack relative to
-    the whole stack, sqrt(Σ variance / Σ (direct + remainder)²); `samples` per pixel; `parts`: where asked for, the stacks
-    "interreflection", "single", "multiple" and "direct" (what finite lens and lamp change), whose sum is `light`."""
+    """What the direct rung leaves out. `light` (slices, rows, cols) photoelectrons; `amplitude` (rows, cols): photoelectrons at an
+    open gate of the paths' light inside the window of times; `sigma` (rows, cols): standard error of all that is traced, of the
+    differences too (the water's shadow, finite lens and lamp); `halves` (2, slices, rows, cols): two independent estimates
+    whose mean is `light`; `epsilon`: standard error of the stack relative to the whole stack, sqrt(Σ variance / Σ (direct +
+    remainder)²); `samples` per pixel; `parts`: where asked for, the stacks "interreflection", "single", "multiple" and "direct"
+    (what finite lens and lamp change), whose sum is `light`; `finite`: what they change of the pixels' own light. Where
+    lens or lamp are finite there is always "direct" and `finite`, otherwise `finite` is None."""
 
     light: NDArray[np.float32]
     amplitude: Float
@@ -87,6 +89,7 @@ class Remainder:
     samples: int
     reached: bool
     parts: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    finite: FiniteLight | None = None
 
 
 def path_window(scene: Scene, tables: list[Table], slices: Slices, per_metre_s: float) -> Window:
@@ -178,7 +181,10 @@ def render_remainder(
     found = {name: part.reshape(light.shape) / np.float32(run.samples) for name, part in run.part.items()}
     if parts:
         found["single"] += known
-    return Remainder(light + known, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol, found)
+    finite = run.finite_light()
+    if finite is not None:
+        sigma = np.hypot(sigma, finite.sigma)
+    return Remainder(light + known, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol, found, finite)
 
 
 def gate_offset(scene: Scene) -> Float | None:
@@ -191,21 +197,25 @@ def gate_offset(scene: Scene) -> Float | None:
 
 def add_remainder(
     scene: Scene, light: NDArray[np.float32], ambient: Float, gate: NDArray[np.int32], delay_s: Float, scale: Float,
-    rtol: float, seed: int, capture_key: int, parts: bool = False,
+    rtol: float, seed: int, capture_key: int, own: dict[str, Any], parts: bool = False,
 ) -> tuple[NDArray[np.float32], dict[str, Any], dict[str, NDArray[Any]]]:  # fmt: skip
     """Add the remainder to `light` (slices, rows, cols), which holds the direct rung and the `ambient` light (slices).
 
     Returns the background (slices, rows, cols), to which the remainder belongs because its times tell of other ranges
-    than the pixel's own; what the capture records of it: samples, standard errors, whether rtol was reached; and truth:
-    the standard error of each pixel, and with `parts` the stacks that `light` is the sum of.
+    than the pixel's own, except for what finite lens and lamp change: that is the pixel's own light, as is the direct rung's,
+    whose truth `own` tells; what the capture records of it: samples, standard errors, whether rtol was reached; and truth:
+    the standard error of each pixel, what becomes of `own`, and with `parts` the stacks that `light` is the sum of.
     """
     level = ambient.astype(np.float32)[:, None, None]
     slices = Slices(delay_s, scale, gate, gate_offset(scene))
     direct = light - level
     found = render_remainder(scene, direct, slices, rtol, seed, capture_key, parts=parts)
+    background = level + found.light
     light += found.light
+    if found.finite is not None:
+        background = np.maximum(background - found.parts["direct"], level)
     # Where a finite lens darkens a pixel to nothing, the difference leaves its noise.
-    np.maximum(light, level, out=light)
+    np.maximum(light, level if found.finite is None else background, out=light)
     told = {
         "samples_per_pixel": found.samples,
         "standard_error": found.epsilon,
@@ -216,10 +226,14 @@ def add_remainder(
         },
     }  # fmt: skip
     truth: dict[str, NDArray[Any]] = {"truth_standard_error": found.sigma}
+    if found.finite is not None:
+        truth |= finite_truth(scene, own, found.finite)
     if parts:
-        found.parts["direct"] += direct
-        truth |= {f"truth_{name}": part for name, part in found.parts.items()}
-    return level + found.light, told, truth
+        stacks = found.parts | {"direct": found.parts["direct"] + direct}
+        if found.finite is not None:
+            stacks["direct"] = light - background
+        truth |= {f"truth_{name}": part for name, part in stacks.items()}
+    return background, told, truth
 
 
 class _Run:
@@ -240,9 +254,14 @@ class _Run:
         self.half = np.zeros((2, len(slices.delay_s), rows * cols), dtype=np.float32)
         self.shares = ("interreflection", "multiple") if split else ()
         self.part = {name: np.zeros_like(self.half[0]) for name in self.shares}
-        if split:
-            self.part |= {name: np.zeros_like(self.half[0]) for name in ("direct", "single")}
+        finite = world.finite and component == "all"
+        kept = ("direct", "single") if split else ("direct",) if finite else ()
+        self.part |= {name: np.zeros_like(self.half[0]) for name in kept}
         self.total, self.squares = np.zeros((2, rows * cols))
+        self.shadow = np.zeros((2, rows * cols))
+        self.finite = FiniteSums(rows * cols) if finite else None
+        self.steepest = max(float(np.abs(t.slope).max() / t.value.max()) for t in self.tables)
+        self.steepest *= self.window.width_m * self.per_metre_s
         self.samples = 0
         self.round = 0
 
@@ -261,10 +280,13 @@ class _Run:
             if self.world.phase is not None and not self.world.coaxial:
                 shadow = trace_lanes(self.world, lanes, samples, self.window, "shadow")
                 self._gather_signed(shadow, -1.0, "single", pixels)
-            if self.world.finite:
-                finite, point = trace_finite(self.world, lanes, samples, self.window)
+                for total, lane in zip(self.shadow, (shadow.total, shadow.square), strict=True):
+                    total[pixels] += lane.reshape(self.lanes_per_pixel, -1).sum(axis=0, dtype=np.float64)
+            if self.finite is not None:
+                finite, point, change = trace_finite(self.world, lanes, samples, self.window, self.steepest)
                 self._gather_signed(finite, 1.0, "direct", pixels)
                 self._gather_signed(point, -1.0, "direct", pixels)
+                self.finite.add(change, pixels)
         self.samples += samples * self.lanes_per_pixel
         self.round += 1
 
@@ -307,7 +329,7 @@ class _Run:
         bins = moments.bins.reshape(3, 2, self.replicas, pixels.stop - pixels.start, -1).sum(axis=2)
         for half in range(2):
             self._render(bins[:, half], self.half[half], pixels, sign)
-            if self.shares:
+            if name in self.part:
                 self._render(bins[:, half], self.part[name], pixels, sign)
 
     def _render(self, bins: NDArray[np.float32], stack: NDArray[np.float32], pixels: slice, sign: float = 1.0) -> None:
@@ -332,15 +354,24 @@ class _Run:
         whole = direct.reshape(self.half.shape[1:]) + (self.half[0] + self.half[1]) / np.float32(self.samples)
         return float(np.sum(np.square(whole, dtype=np.float64)))
 
+    def finite_light(self) -> FiniteLight | None:
+        """What finite lens and lamp change; None where there are none."""
+        if self.finite is None:
+            return None
+        return self.finite.result(self.samples, self.world.electrons, (self.world.rows, self.world.cols))
+
     def result(self) -> tuple[NDArray[np.float32], Float, Float]:
-        """Light, amplitude, and its standard error."""
+        """Light; amplitude of the paths; the standard error of these and of the water's shadow, which is drawn with the same
+        random numbers: the two standard errors add."""
         shape = (self.world.rows, self.world.cols)
         light = (self.half[0] + self.half[1]) / np.float32(self.samples)
         mean = self.total / self.samples
         variance = np.maximum(self.squares / self.samples - mean**2, 0.0) / self.samples
+        total, squares = self.shadow / self.samples
+        hidden = np.maximum(squares - total**2, 0.0) / self.samples
         electrons = self.world.electrons
         return (
             light.reshape(-1, *shape),
             (mean * electrons).reshape(shape),
-            (np.sqrt(variance) * electrons).reshape(shape),
+            ((np.sqrt(variance) + np.sqrt(hidden)) * electrons).reshape(shape),
         )

@@ -154,7 +154,7 @@ def generate(
 
         settings = slice_settings(scene, coords, seed, key)
         background, traced, more_truth = add_remainder(
-            scene, light, ambient, coords["gate"], *settings, share, seed, key, truth_components
+            scene, light, ambient, coords["gate"], *settings, share, seed, key, direct.truth, truth_components
         )
         if not traced["reached"]:
             warnings.warn(

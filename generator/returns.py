@@ -151,6 +151,8 @@ def _merge(pixels, begin, order, amplitude, tau, spread, width, alone, one_a, on
 _FINE = 32
 #: A spread below this fraction of R's width changes R by about 1e-5: one look-up is enough.
 _THIN = 2e-3
+#: Longest span of slices that share an origin of single-precision times, in widths of R.
+_PIECE = 512.0
 
 
 def render_stack(
@@ -165,32 +167,48 @@ def render_stack(
     fine, low, step, width = _fine_table(table)
     count = np.diff(returns.start)
     single = count == 1
-    first = np.minimum(returns.start[:-1], max(len(returns.tau) - 1, 0))
-    inverse = 1.0 / step
     shift = np.asarray(delays_s, dtype=np.float64) + low
-    origin = float(shift.min()) if len(shift) else 0.0
-    shift_x = ((shift - origin) * inverse).astype(np.float32)
     gain = np.asarray(scale, dtype=np.float32)
-    pixels = len(count)
-    if len(returns.tau):
-        late = returns.tau[first] - origin
-        if offset_s is not None:
-            late = late - np.asarray(offset_s, dtype=np.float64).ravel()
-        position = np.where(single, late * inverse, 0.0).astype(np.float32)
-        amplitude = np.where(single, returns.amplitude[first], 0.0).astype(np.float32)
-        spread = np.where(single, returns.spread[first], 0.0)
-        spread = np.where(spread > _THIN * width, spread * inverse, 0.0).astype(np.float32)
-    else:
-        position = amplitude = spread = np.zeros(pixels, dtype=np.float32)
-    _single_returns(position, amplitude, spread, shift_x, gain, fine, out)
+    offset = np.zeros(len(count)) if offset_s is None else np.ascontiguousarray(offset_s, dtype=np.float64).ravel()
+    # Single precision holds a time to 6e-8 of the span it is counted from: long records go in pieces.
+    piece = np.floor((shift - shift.min(initial=np.inf)) / (_PIECE * width)) if len(shift) else shift
+    for number in np.unique(piece):
+        mine = np.flatnonzero(piece == number)
+        whole = mine.size == len(shift)
+        part = out if whole else np.empty((mine.size, len(count)), dtype=np.float32)
+        _render_singles(returns, single, shift[mine], step, width, gain[mine], offset, fine, part)
+        if not whole:
+            out[mine] = part
     several = np.flatnonzero(count > 1)
     if len(several):
-        offset = np.zeros(1) if offset_s is None else np.ascontiguousarray(offset_s, dtype=np.float64).ravel()
         _several_returns(
             several, returns.start, returns.amplitude, returns.tau, returns.spread, table.start_s, 1.0 / table.step_s,
             table.value, table.slope, np.ascontiguousarray(delays_s, dtype=np.float64),
             np.ascontiguousarray(scale, dtype=np.float64), offset, out,
         )  # fmt: skip
+
+
+def _render_singles(
+    returns: Returns, single: NDArray[np.bool_], shift: Float, step: float, width: float, gain: NDArray[np.float32],
+    offset: Float, fine: NDArray[np.float32], out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Pixels with one return, of slices whose table starts at the times `shift`; zero in the others."""
+    inverse = 1.0 / step
+    origin = float(shift.min())
+    if len(returns.tau):
+        first = np.minimum(returns.start[:-1], len(returns.tau) - 1)
+        position = np.where(single, _cells(returns.tau[first] - origin - offset, inverse), np.float32(0.0))
+        amplitude = np.where(single, returns.amplitude[first], 0.0).astype(np.float32)
+        spread = np.where(single, returns.spread[first], 0.0)
+        spread = np.where(spread > _THIN * width, _cells(spread, inverse), np.float32(0.0))
+    else:
+        position = amplitude = spread = np.zeros(len(single), dtype=np.float32)
+    _single_returns(position, amplitude, spread, _cells(shift - origin, inverse), gain, fine, out)
+
+
+def _cells(time_s: Float, inverse: float) -> NDArray[np.float32]:
+    """Times in cells of the fine table; those beyond single precision become infinite, and show nothing."""
+    return (time_s * inverse).astype(np.float32)
 
 
 def _fine_table(table: Table) -> tuple[NDArray[np.float32], float, float, float]:
@@ -216,6 +234,7 @@ def _single_returns(position, amplitude, spread, shift, gain, fine, out):  # typ
     top = np.int32(fine.size - 2)
     zero = np.float32(0.0)
     half = np.float32(0.5)
+    # max(zero, x), not max(x, zero): the first stands where x is no number (∞ − ∞), which must not become an index.
     for b in prange((pixels + block - 1) // block):
         begin = b * block
         end = min(begin + block, pixels)
@@ -236,14 +255,14 @@ def _single_returns(position, amplitude, spread, shift, gain, fine, out):  # typ
                     row[p] = zero
             elif widest == zero:
                 for p in range(begin, end):
-                    x = min(max(position[p] - x0, zero), last)
+                    x = min(max(zero, position[p] - x0), last)
                     i = min(np.int32(x), top)
                     low = fine[i]
                     row[p] = g * amplitude[p] * (low + (x - np.float32(i)) * (fine[i + 1] - low))
             else:
                 for p in range(begin, end):
-                    x = min(max(position[p] - x0 - spread[p], zero), last)
-                    y = min(max(position[p] - x0 + spread[p], zero), last)
+                    x = min(max(zero, position[p] - x0 - spread[p]), last)
+                    y = min(max(zero, position[p] - x0 + spread[p]), last)
                     i = min(np.int32(x), top)
                     j = min(np.int32(y), top)
                     low = fine[i]
@@ -257,7 +276,7 @@ def _single_returns(position, amplitude, spread, shift, gain, fine, out):  # typ
 def _several_returns(which, start, amplitude, tau, spread, t0, inv_step, value, slope, delays, scale, offset, out):  # type: ignore[no-untyped-def]
     for n in prange(which.size):
         p = which[n]
-        late = offset[p] if offset.size > 1 else 0.0
+        late = offset[p]
         for k in range(delays.size):
             total = 0.0
             for j in range(start[p], start[p + 1]):

@@ -122,7 +122,8 @@ def image_halo(
         down, right = rows + margin, cols + margin
         quarter = share[:down, :right].astype(np.float32)
         kernel[:down, :right] = quarter
-        kernel[-(down - 1) :, :right] = quarter[:0:-1]
-        kernel[:, -(right - 1) :] = kernel[:, right - 1 : 0 : -1]
+        # mirrored about the middle, without the middle itself
+        kernel[size[0] - down + 1 :, :right] = quarter[:0:-1]
+        kernel[:, size[1] - right + 1 :] = kernel[:, right - 1 : 0 : -1]
         transform.append(fft.rfft2(kernel, workers=-1))
     return ImageHalo(ranges, np.asarray(own), (rows, cols), margin, tuple(transform), size)

@@ -41,6 +41,9 @@ _IN_CELL = (np.arange(8) + 0.5) / 8 - 0.5
 _ANGLE_NODES = 2048
 _SMALLEST_TURN_RAD = 1e-5
 _SOFT_NODES = 181
+#: Pixels whose gates open within this share of a rise of R of each other share nodes; and how many groups at most.
+_LEVEL = 0.1
+_MOST_LEVELS = 48
 
 
 def beam_edge(spec: Illumination) -> float:
@@ -89,28 +92,14 @@ def backscatter_electrons(
     lit = np.flatnonzero(scale > 0)
     if medium.scattering_per_m == 0 or not len(lit):
         return out.reshape(-1, rows, cols)
-    lows = [delay_s[k] + tables[gate[k]].start_s for k in lit]
-    highs = [
-        delay_s[k] + tables[gate[k]].start_s + tables[gate[k]].step_s * (tables[gate[k]].value.size - 1) for k in lit
-    ]
+    late = np.zeros(1) if offset_s is None else np.asarray(offset_s, np.float64).ravel()
     reach = target_range_m + np.abs(target_range_m) + np.linalg.norm(laser.position_m)
     furthest = float(np.max(reach)) / speed if np.isfinite(reach).all() else np.inf
-    begin, end = max(min(lows), nearest_path_m(rig) / speed), min(max(highs), furthest)
+    seen = _seen(tables, gate[lit], delay_s[lit])
+    # Arrival times that any pixel can see: where the gate opens later, so does what it shows.
+    begin, end = max(seen[0] + late.min(), nearest_path_m(rig) / speed), min(seen[1] + late.max(), furthest)
     if end <= begin:
         return out.reshape(-1, rows, cols)
-    count = int(np.clip(np.ceil((end - begin) * _NODES_PER_RISE / _rise_s(tables)), 16, _MOST_NODES))
-    step = (end - begin) / count
-    tau = begin + step * (np.arange(count) + 0.5)
-    # Even shares of a cell's light: lamp and camera at one point, it falls as 1/path².
-    inside = tau[:, None] + step * _IN_CELL
-    if not any(laser.position_m):
-        inside = 1.0 / ((0.5 - _IN_CELL) / (tau - 0.5 * step)[:, None] + (0.5 + _IN_CELL) / (tau + 0.5 * step)[:, None])
-    weight = np.zeros((len(delay_s), count))
-    for k in lit:
-        weight[k] = lookup(tables[gate[k]], inside - delay_s[k]).mean(axis=1) * scale[k] * step
-    seen = weight != 0
-    first = np.where(seen.any(axis=1), seen.argmax(axis=1), 0)
-    last = np.where(seen.any(axis=1), count - seen[:, ::-1].argmax(axis=1), 0)
     direction = pixel_directions(camera, *(a.ravel() for a in np.mgrid[:rows, :cols]))
     per_radiance = rig.pulses_per_slice * ladar.pixel_photoelectrons(
         pulse_energy_j=laser.pulse_energy_j, intensity_per_sr=1.0, lamp_range_m=1.0, camera_range_m=1.0,
@@ -118,6 +107,7 @@ def backscatter_electrons(
         cos_field=direction[2] if camera.vignetting == "cos4" else 1.0, transmission=camera.transmission,
         quantum_efficiency=camera.quantum_efficiency, wavelength_m=laser.wavelength_m,
     )  # fmt: skip
+    per_radiance = np.broadcast_to(per_radiance, rows * cols)
     spec = laser.illumination
     edge = beam_edge(spec)
     halo, soft = _flat_halo(), np.zeros((2, 2))
@@ -127,21 +117,72 @@ def backscatter_electrons(
             lambda t: beam_profile(spec, t), edge, phase, medium.scattering_per_m, (nearest, 0.5 * end * speed), 2
         )
         lengths = np.exp(halo.log_range_start + halo.log_range_step * np.arange(halo.log_shape.shape[0]))
-        tilted = np.linspace(0.0, np.pi, _SOFT_NODES)
-        soft = softened_phase(phase, 2.0 * medium.scattering_per_m * lengths, tilted)
+        soft = softened_phase(phase, 2.0 * medium.scattering_per_m * lengths, np.linspace(0.0, np.pi, _SOFT_NODES))
     turn = np.geomspace(_SMALLEST_TURN_RAD, np.pi, _ANGLE_NODES)
     limit = np.where(np.isfinite(target_range_m), target_range_m, np.inf).ravel()
-    _ramp(
-        np.ascontiguousarray(direction), np.asarray(laser.position_m), illumination.beam_axis(spec.offset_rad),
-        np.broadcast_to(per_radiance, rows * cols) + 0.0,
-        limit, np.zeros(1) if offset_s is None else np.ascontiguousarray(offset_s, np.float64).ravel(), tau, step, speed,
-        weight, first, last, beam_profile(spec, np.linspace(0.0, edge, 4096)), edge,
-        np.log(np.maximum(phase_density(phase, turn), 1e-300)), np.log(_SMALLEST_TURN_RAD),
-        1.0 / np.log(turn[1] / turn[0]), medium.scattering_per_m, medium.attenuation_per_m, nearest_path_m(rig), forward,
-        halo.log_range_start, 1.0 / halo.log_range_step, 1.0 / halo.angle_scale_rad, 1.0 / halo.angle_step,
-        halo.rate_per_m, halo.log_shape, np.log(np.maximum(soft, 1e-300)), out,
-    )  # fmt: skip
+    level, which = _levels(late, _rise_s(tables))
+    for number, shift in enumerate(level):
+        mine = np.flatnonzero(which == number) if late.size > 1 else np.arange(rows * cols)
+        if mine.size == 0:
+            continue
+        left = late[mine] - shift if late.size > 1 else np.zeros(mine.size)
+        low = max(seen[0], nearest_path_m(rig) / speed - shift - left.max())
+        high = min(seen[1], furthest - shift - left.min())
+        if high <= low:
+            continue
+        tau, step, weight = _nodes(rig, tables, gate, delay_s, scale, (low, high), shift)
+        shown = weight != 0
+        first = np.where(shown.any(axis=1), shown.argmax(axis=1), 0)
+        last = np.where(shown.any(axis=1), tau.size - shown[:, ::-1].argmax(axis=1), 0)
+        part = np.zeros((len(delay_s), mine.size), dtype=np.float32)
+        _ramp(
+            np.ascontiguousarray(direction[:, mine]), np.asarray(laser.position_m),
+            illumination.beam_axis(spec.offset_rad), per_radiance[mine] + 0.0, limit[mine], shift + left, tau, step,
+            speed, weight, first, last, beam_profile(spec, np.linspace(0.0, edge, 4096)), edge,
+            np.log(np.maximum(phase_density(phase, turn), 1e-300)), np.log(_SMALLEST_TURN_RAD),
+            1.0 / np.log(turn[1] / turn[0]), medium.scattering_per_m, medium.attenuation_per_m, nearest_path_m(rig),
+            forward, halo.log_range_start, 1.0 / halo.log_range_step, 1.0 / halo.angle_scale_rad,
+            1.0 / halo.angle_step, halo.rate_per_m, halo.log_shape, np.log(np.maximum(soft, 1e-300)), part,
+        )  # fmt: skip
+        out[:, mine] = part
     return out.reshape(-1, rows, cols)
+
+
+def _seen(tables: Sequence[Table], gate: NDArray[np.int32], delay_s: Float) -> tuple[float, float]:
+    """First and last arrival time that any slice shows, where the gate has no offset."""
+    low = np.array([table.start_s for table in tables])[gate]
+    long = np.array([table.step_s * (table.value.size - 1) for table in tables])[gate]
+    return float((delay_s + low).min()), float((delay_s + low + long).max())
+
+
+def _levels(late: Float, rise_s: float) -> tuple[Float, NDArray[np.int64]]:
+    """Levels of the gate's offset, and which one each pixel is nearest to: nodes and their weights are shared by a level."""
+    spread = float(late.max() - late.min())
+    count = int(np.clip(np.ceil(spread / (_LEVEL * rise_s)), 1, _MOST_LEVELS))
+    level = late.min() + spread * (np.arange(count) + 0.5) / count
+    return level, np.clip((late - late.min()) * (count / max(spread, 1e-300)), 0, count - 1).astype(np.int64)
+
+
+def _nodes(
+    rig: GatedRig, tables: Sequence[Table], gate: NDArray[np.int32], delay_s: Float, scale: Float,
+    between: tuple[float, float], shift: float,
+) -> tuple[Float, float, Float]:  # fmt: skip
+    """Nodes of gate time, their step, and what each slice shows of the light in each node's cell (slice, node); the light
+    of a node arrives by `shift` later."""
+    begin, end = between
+    count = int(np.clip(np.ceil((end - begin) * _NODES_PER_RISE / _rise_s(tables)), 16, _MOST_NODES))
+    step = (end - begin) / count
+    tau: Float = begin + step * (np.arange(count, dtype=np.float64) + 0.5)
+    # Even shares of a cell's light: lamp and camera at one point, it falls as 1/path².
+    inside = tau[:, None] + step * _IN_CELL
+    if not any(rig.laser.position_m):
+        arrival = tau + shift
+        near, far = np.maximum(arrival - 0.5 * step, 1e-3 * step), np.maximum(arrival + 0.5 * step, 2e-3 * step)
+        inside = 1.0 / ((0.5 - _IN_CELL) / near[:, None] + (0.5 + _IN_CELL) / far[:, None]) - shift
+    weight = np.zeros((len(delay_s), count))
+    for k in np.flatnonzero(scale > 0):
+        weight[k] = lookup(tables[gate[k]], inside - delay_s[k]).mean(axis=1) * scale[k] * step
+    return tau, step, weight
 
 
 def _flat_halo() -> BeamHalo:
@@ -170,7 +211,7 @@ def _ramp(  # type: ignore[no-untyped-def]
             dy = direction[1, p]
             dz = direction[2, p]
             along = lamp[0] * dx + lamp[1] * dy + lamp[2] * dz
-            late = offset[p] if offset.size > 1 else 0.0
+            late = offset[p]
             # where the target ends the ray: its path, as time
             r = limit[p]
             end = np.inf

@@ -57,6 +57,8 @@ def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Flo
             part = slice(begin, begin + count)
             square[part] += lookup(table, grid[part] - delay) ** 2
     view = np.sqrt(square)
+    if not view.any():  # slices so far apart that this grid, as fine as it may be, steps over every gate
+        return np.ones(np.shape(tau_s)), np.ones(np.shape(tau_s))
     near = int(np.ceil((_NEAR_SIGMAS * sigma_s + 0.5 * (late.max() - late.min())) / step))
     wide = maximum_filter1d(view, 2 * near + 1, mode="constant")
     when = np.where(np.isfinite(tau_s), tau_s, np.inf)  # a ray that meets nothing has no time

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from ..captures.build import make_capture
 from ..optics import pile_up, waveforms
 from ..optics.constants import C_M_PER_S
-from ..optics.correlation import tabulate
 from ..scenes.declare import declared_rig, group_index
 from ..scenes.declare_waveform import shown_pulse
 from ..scenes.rig import Detector, Intensifier
 from ..scenes.rig_waveform import AnalogReadout, SinglePhotonReadout
+from ..scenes.sampling import response_table
 from ..scenes.scene import Scene, waveform_rig
 from .detector import detect, fixed_pattern
 from .footprint import Footprint, rays_for
@@ -153,7 +153,7 @@ def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, k
             jitter[part] = rig.laser.jitter_shot_s * generator(seed, key, Stage.JITTER, block).standard_normal(size)
     pulse, delay = shown_pulse(rig)
     gate = waveforms.RectangularGate(step, 1.0)
-    table = tabulate(pulse, gate, _TABLE_RTOL)
+    table = response_table(pulse, gate, _TABLE_RTOL, f"{scene.name}: rig.record.step_s")
     sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
     amplitude = light * (energy * pulses * rig.laser.pulse_energy_j)[:, None]
     owner = np.repeat(np.arange(shots, dtype=np.int64), tau.shape[1])

@@ -130,8 +130,8 @@ def gate_area(gate: Gate) -> float:
 def sample_gate(gate: Gate, step_s: float) -> tuple[float, Array]:
     """Samples of g on an even grid, as a rig declares them: (start_s, transmission), read with straight lines between.
 
-    Continuous gates: values at the grid's points, which start at the support's lower end. Gates that jump: weighted
-    with the grid's hat function, which keeps the area and centroid exactly and lets a jump rise over two steps.
+    Continuous gates: values at the grid's points, which start at the support's lower end. Gates that jump, or rise within
+    two steps: weighted with the grid's hat function, which keeps the area and centroid exactly and lets a jump rise over two steps.
     A sampled gate at its own step is returned as it is. Raises ValueError unless 0 < step_s < half of the support.
     """
     if isinstance(gate, SampledGate) and abs(step_s / gate.step_s - 1.0) < 1e-9:
@@ -141,7 +141,8 @@ def sample_gate(gate: Gate, step_s: float) -> tuple[float, Array]:
         raise ValueError(f"step_s must be above 0 and below half the gate's support {hi - lo:.6g} s, not {step_s!r}")
     parts = gate_parts(gate)
     jumps = any(isinstance(p, Decay) or (isinstance(p, PiecewiseLinear) and np.any(p.jumps != 0.0)) for p in parts)
-    if not jumps:
+    steep = any(isinstance(p, PiecewiseLinear) and np.diff(p.knot).min() < 2.0 * step_s for p in parts)
+    if not jumps and not steep:
         count = int(np.ceil((hi - lo) / step_s)) + 2
         return lo, gate_transmission(gate, lo + step_s * np.arange(count))
     count = int(np.ceil((hi - lo) / step_s)) + 3

@@ -13,12 +13,14 @@ from .shape_parts import Array, ExGaussian, Gaussian, PiecewiseLinear, ramps, sa
 
 __all__ = [
     "ExponentialPulse", "GaussianPulse", "Pulse", "RectangularPulse", "SampledPulse", "TrapezoidalPulse",
-    "broadened", "pulse_density", "pulse_part", "pulse_support", "pulse_variance", "sample_pulse",
+    "broadened", "finest_feature_s", "pulse_density", "pulse_part", "pulse_support", "pulse_variance", "sample_pulse",
 ]  # fmt: skip
 
 #: Samples of a broadened pulse per jitter sigma, and the most samples in all.
 _PER_SIGMA = 32
 _MOST_SAMPLES = 1 << 17
+#: Most samples that a pulse is asked for on a grid of the caller's step.
+_MOST_GRID = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,20 @@ def broadened(pulse: Pulse, sigma_s: float) -> Pulse:
     return SampledPulse(float(step), tuple(value.tolist()))
 
 
+def finest_feature_s(pulse: Pulse) -> float:
+    """Shortest part of the pulse that samples of it must follow [s]: σ of a Gaussian (also that of an exponential's rise),
+    the shortest ramp or straight piece; of a sampled pulse its peak over its steepest slope."""
+    if isinstance(pulse, GaussianPulse | ExponentialPulse):
+        return float(pulse.fwhm_s / FWHM_PER_SIGMA)
+    if isinstance(pulse, SampledPulse):
+        value = np.asarray(pulse.value, dtype=np.float64)
+        return float(pulse.step_s * np.ptp(value) / np.abs(np.diff(value)).max())
+    part = pulse_part(pulse)
+    if isinstance(part, PiecewiseLinear):
+        return float(np.diff(part.knot).min())
+    return float(np.sqrt(pulse_variance(pulse)))
+
+
 def sample_pulse(pulse: Pulse, step_s: float) -> tuple[float, Array]:
     """Samples of p on an even grid, as a rig declares them: (start_s, value[1/s]), unit area and centroid 0 when read
     with straight lines between the samples.
@@ -160,7 +176,7 @@ def sample_pulse(pulse: Pulse, step_s: float) -> tuple[float, Array]:
     Continuous pulses: values at the grid's points. Pulses that jump: weighted with the hat function of the grid
     (∫ p(t) hat((t−t_i)/step) dt / step), which keeps area and centroid. A sampled pulse at its own step is returned
     as it is. Read linearly, the samples' variance exceeds the pulse's by step²/6 (points) or step²/3 (hats).
-    Raises ValueError unless 0 < step_s < half of the support.
+    Raises ValueError unless 0 < step_s < half of the support, and where over 2²² samples would be needed.
     """
     part = pulse_part(pulse)
     lo, hi = part.support
@@ -169,6 +185,10 @@ def sample_pulse(pulse: Pulse, step_s: float) -> tuple[float, Array]:
         return lo, np.append(part.right[:-1], part.left[-1])
     if not 0.0 < step_s < 0.5 * (hi - lo):
         raise ValueError(f"step_s must be above 0 and below half the pulse's support {hi - lo:.6g} s, not {step_s!r}")
+    if hi - lo > _MOST_GRID * step_s:
+        raise ValueError(
+            f"steps of {step_s:.3g} s over a support of {hi - lo:.3g} s make more than {_MOST_GRID} samples"
+        )
     count = int(np.ceil((hi - lo) / step_s)) + 3
     # Centred on the support, so that a symmetric pulse has symmetric samples.
     start = 0.5 * (lo + hi) - 0.5 * (count - 1) * step_s

@@ -29,6 +29,7 @@ from .pulses import (
     SampledPulse,
     TrapezoidalPulse,
     broadened,
+    finest_feature_s,
     pulse_density,
     pulse_part,
     pulse_support,
@@ -40,7 +41,7 @@ __all__ = [
     "ExponentialGate", "ExponentialPulse", "Gate", "GaussianGate", "GaussianPulse", "Pulse", "RectangularGate",
     "RectangularPulse", "SampledGate", "SampledPulse", "TrapezoidalGate", "TrapezoidalPulse", "broadened", "gate_area",
     "gate_from_spec", "gate_parts", "gate_support", "gate_transmission", "pulse_density", "pulse_from_spec",
-    "pulse_part", "pulse_support", "pulse_variance", "sample_gate", "sample_pulse",
+    "finest_feature_s", "pulse_part", "pulse_support", "pulse_variance", "sample_gate", "sample_pulse",
 ]  # fmt: skip
 
 _PULSES: dict[str, type[Pulse]] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -11,6 +11,9 @@ __all__ = ["Fraction", "Index", "NonNegative", "Positive", "Spec", "Vec3"]
 
 class Spec(BaseModel):
     """Base of every spec. Unknown keys are errors; values are immutable; numbers are finite."""
+
+    #: What helps who wrote such a spec wrong: where a complete one is to be seen.
+    example: ClassVar[str] = "beambench scenes show flat-wall   (a complete example)"
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, protected_namespaces=())
 

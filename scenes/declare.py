@@ -18,6 +18,7 @@ from .overrides import apply_overrides
 from .rig import GatedRig
 from .rig_amcw import AmcwRig
 from .rig_waveform import WaveformRig
+from .sampling import gated_sample_step
 from .scene import Scene
 from .waveforms import Gate, Pulse
 
@@ -26,10 +27,6 @@ __all__ = [
 ]  # fmt: skip
 
 SpecT = TypeVar("SpecT", bound=Spec)
-
-
-#: Samples per characteristic width of the pulse or gate edge in the declared rig.
-_SAMPLES_PER_WIDTH = 48
 
 
 def phase_index(medium: Medium, wavelength_m: float) -> float:
@@ -91,13 +88,12 @@ def declared_rig(scene: Scene) -> dict[str, Any]:
         return declared_amcw(scene)
     rig, medium = as_declared(scene, GatedRig)
     camera, laser = rig.camera, rig.laser
-    step = _sample_step(rig)
+    step = gated_sample_step(rig, f"{scene.name}: declared")
     pulse_start, pulse_value = waveforms.sample_pulse(optics_pulse(laser.pulse), step)
     gates = [waveforms.sample_gate(optics_gate(gate), step) for gate in rig.gates]
     return {
         "schema": 1,
         "kind": rig.kind,
-        "name": scene.name,
         "camera": camera.model_dump(mode="json")
         | {"principal_row_px": (camera.rows - 1) / 2, "principal_col_px": (camera.cols - 1) / 2},
         "laser": {
@@ -141,18 +137,6 @@ def medium_data(medium: Medium, wavelength_m: float) -> dict[str, Any]:
         "absorption_per_m": medium.absorption_per_m,
         "scattering_per_m": medium.scattering_per_m,
     }
-
-
-def _sample_step(rig: GatedRig) -> float:
-    """One even step for pulse and gates: fine against the pulse and against every gate's width."""
-    pulse = optics_pulse(rig.laser.pulse)
-    sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
-    widths = [2.0 * sigma]
-    for gate in rig.gates:
-        low, high = waveforms.gate_support(optics_gate(gate))
-        widths.append(float(high - low) / 2)
-    # Steps of 1 ps and multiples keep the numbers readable; a gate far longer than the pulse does not coarsen it.
-    return max(round(min(widths) / _SAMPLES_PER_WIDTH * 1e12), 1) * 1e-12
 
 
 def rounded(values: Any) -> list[float]:

@@ -19,7 +19,6 @@ def declared_amcw(scene: Scene) -> dict[str, Any]:
     return {
         "schema": 1,
         "kind": rig.kind,
-        "name": scene.name,
         "laser": {
             "wavelength_m": laser.wavelength_m,
             "power_w": laser.power_w,

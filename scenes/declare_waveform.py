@@ -9,8 +9,10 @@ import numpy as np
 from ..optics import waveforms
 from ..optics.detector_response import detected_pulse
 from .declare import as_declared, medium_data, optics_pulse, rounded
+from .errors import InputError
 from .rig import Illumination
 from .rig_waveform import WaveformRig
+from .sampling import sample_step_s
 from .scene import Scene
 
 __all__ = ["declared_waveform", "illumination_data", "shown_pulse"]
@@ -36,15 +38,24 @@ def declared_waveform(scene: Scene) -> dict[str, Any]:
     laser, detector, record = rig.laser, rig.detector, rig.record
     pulse, delay = shown_pulse(rig)
     sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
-    step = max(round(sigma / _SAMPLES_PER_SIGMA * 1e13), 1) * 1e-13
-    start, value = waveforms.sample_pulse(pulse, step)
+    span = float(np.ptp(waveforms.pulse_support(pulse)))
+    step = sample_step_s(sigma / _SAMPLES_PER_SIGMA, pulse, span, 1e-13)
+    try:
+        start, value = waveforms.sample_pulse(pulse, step)
+    except ValueError as error:
+        raise InputError(
+            "The detected pulse cannot be declared as samples.",
+            where=f"{scene.name}: rig.laser.pulse",
+            value=str(error),
+            allowed="a detected pulse of 1 ps or more",
+            next_step="lengthen the pulse, or rig.detector.response.rise_time_s",
+        ) from error
     # Tails below 1e-9 of the peak carry nothing that a laboratory could record.
     kept = np.flatnonzero(value > 1e-9 * value.max())
     first, last = max(int(kept[0]) - 1, 0), int(kept[-1]) + 2
     return {
         "schema": 1,
         "kind": rig.kind,
-        "name": scene.name,
         "record": record.model_dump(mode="json"),
         "laser": {
             "wavelength_m": laser.wavelength_m,

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from .base import Spec
 from .errors import InputError
 from .overrides import apply_overrides
 from .scene import RIG_KINDS, Scene
@@ -37,7 +38,8 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
         source: a name in the library, a path to a .toml or .json file, plain data, or a Scene.
         overrides: {path: value}, applied before validation.
 
-    Relative mesh and grid files are looked up beside the scene file, then in the library.
+    Meshes, grids and textures that a scene file names lie in its folder or below, links followed, or are "library:NAME": a
+    scene from elsewhere reads nothing else of this machine. Paths in `overrides` and in plain data are the user's own.
 
     Raises:
         InputError: unknown name, unreadable file, unknown key, missing or impossible value, impossible scene.
@@ -50,7 +52,7 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
         data, where = dict(source), "scene data"
     else:
         path = find_spec_file(str(source), LIBRARY, kind="scene", next_step="beambench scenes list")
-        data, where = _anchor(read_spec_file(path), path.parent), str(source)
+        data, where = _anchor(read_spec_file(path), path.parent, overrides or {}), str(source)
     if overrides:
         data = apply_overrides(data, overrides)
     from .possible import check_possible
@@ -109,29 +111,36 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     return data
 
 
-def _anchor(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Make relative file names of shapes point beside the scene file (or into the library)."""
+def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Make the file names of shapes and textures point beside the scene file (or into the library).
+
+    Names that `overrides` replaces are left: the user's own take their place.
+    """
     objects = data.get("target")
     if isinstance(objects, list):
-        for item in objects:
-            shape: Any = item.get("shape") if isinstance(item, dict) else None
-            name = shape.get("file") if isinstance(shape, dict) else None
-            if isinstance(name, str) and not name.startswith("library:") and not Path(name).expanduser().is_absolute():
-                shape["file"] = str((folder / name).resolve())
-            texture: Any = item.get("texture") if isinstance(item, dict) else None
-            name = texture.get("file") if isinstance(texture, dict) else None
-            if isinstance(name, str) and not name.startswith("library:"):
-                texture["file"] = _beside(name, folder)
+        for index, item in enumerate(objects):
+            for part in ("shape", "texture"):
+                spec: Any = item.get(part) if isinstance(item, dict) else None
+                name = spec.get("file") if isinstance(spec, dict) else None
+                where = f"target.{index}.{part}.file"
+                named = f"target.{item.get('name')}.{part}.file"
+                replaced = any(f"{key}.".startswith(f"{path}.") for path in overrides for key in (where, named))
+                if isinstance(name, str) and not name.startswith("library:") and not replaced:
+                    spec["file"] = _beside(name, folder, where)
     return data
 
 
-def _beside(name: str, folder: Path) -> str:
+def _beside(name: str, folder: Path, where: str) -> str:
     """The path of a file that must lie in the scene file's folder, links followed. Raises InputError where it does not."""
-    path = (folder / name).resolve()
-    if Path(name).expanduser().is_absolute() or not path.is_relative_to(folder.resolve()):
+    try:
+        path = (folder / Path(name).expanduser()).resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # links in a circle, no such home, a null byte
+        raise InputError("This is no name of a file.", where=where, value=name, allowed=str(error)) from error
+    if not path.is_relative_to(folder.resolve()):
         raise InputError(
-            "A texture lies beside its scene file.", where="target.texture.file", value=name,
-            allowed="a name inside the scene file's folder, or library:NAME", next_step="copy the file there",
+            "A scene's mesh, grid or texture lies beside its scene file.", where=where, value=name,
+            allowed="a name inside the scene file's folder, or library:NAME",
+            next_step=f"copy the file there, or name it yourself: --set {where}=PATH",
         )  # fmt: skip
     return str(path)
 
@@ -152,17 +161,26 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
     except ValidationError as error:
         first, *rest = error.errors(include_url=False)
         path = _key_path(first["loc"])
-        what = {"missing": "A value is missing; physical values have no default.", "extra_forbidden": "Unknown key."}
+        what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}
         more = "".join(
-            f"\n           also {_key_path(e['loc'])}: {e['msg']}" for e in rest[:8]
+            f"\n           also {_key_path(e['loc'])}: {_message(e)}" for e in rest[:8]
         )  # one message for all, so that a user mends a file in one go
         raise InputError(
             what.get(first["type"], "A value is not allowed."),
             where=f"{where}: {path}",
             value=None if first["type"] == "missing" else first.get("input"),
-            allowed=first["msg"] + more + _near_keys(model, first),
-            next_step="beambench scenes show flat-wall   (a complete example)",
+            allowed=_message(first) + more + _near_keys(model, first),
+            next_step=model.example if issubclass(model, Spec) else "",
         ) from error
+
+
+def _message(error: Any) -> str:
+    """What pydantic says of a value, its limit in few digits: 1e-15 has too many zeros to be counted."""
+    for key in ("ge", "gt", "le", "lt"):
+        limit = error.get("ctx", {}).get(key)
+        if isinstance(limit, float):
+            return f"{str(error['msg']).rpartition(' ')[0]} {limit:g}"
+    return str(error["msg"])
 
 
 def _key_path(loc: tuple[int | str, ...]) -> str:

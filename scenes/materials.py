@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from .base import Fraction, NonNegative, Positive, Spec
 
@@ -25,6 +25,12 @@ class Phong(Spec):
     diffuse_albedo: Fraction
     specular_albedo: Fraction
     exponent: NonNegative
+
+    @model_validator(mode="after")
+    def _returns_no_more_than_it_gets(self) -> Phong:
+        if self.diffuse_albedo + self.specular_albedo > 1.0 + 1e-12:
+            raise ValueError("diffuse_albedo + specular_albedo must be at most 1")
+        return self
 
 
 class CookTorrance(Spec):

@@ -9,7 +9,10 @@ from __future__ import annotations
 import copy
 import difflib
 import json
+import math
+import re
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from .errors import InputError
@@ -23,6 +26,11 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
     Raises:
         InputError: no "=", an empty path, or the same path twice.
     """
+    if isinstance(assignments, str):
+        raise InputError(
+            "Assignments are given as a list.", where="--set", value=assignments, allowed="a list of PATH=VALUE",
+            next_step=f"[{assignments!r}]",
+        )  # fmt: skip
     result: dict[str, Any] = {}
     for text in assignments:
         path, equals, value = text.partition("=")
@@ -36,16 +44,32 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
                 next_step="for example: --set rig.camera.rows=128",
             )
         if path in result:
-            raise InputError("The same path is overridden twice.", where="--set", value=path)
+            raise InputError(
+                "The same path is overridden twice.", where="--set", value=path, allowed="each path once",
+                next_step=f"leave out one of the two --set {path}=...",
+            )  # fmt: skip
         try:
-            result[path] = json.loads(value, parse_constant=_refuse_constant)
-        except json.JSONDecodeError:
+            result[path] = json.loads(
+                value, parse_constant=partial(_refuse_constant, path), parse_float=partial(_finite, path)
+            )
+        except (json.JSONDecodeError, RecursionError):
             result[path] = value
     return result
 
 
-def _refuse_constant(name: str) -> float:
-    raise InputError("Numbers must be finite.", where="--set", value=name)
+def _refuse_constant(path: str, text: str) -> float:
+    raise InputError(
+        "Numbers must be finite.",
+        where=f"--set {path}",
+        value=text,
+        allowed="a finite number within ±1.8e308; text is put in quotes",
+        next_step=f"--set {path}=1.0, or --set '{path}=\"{text}\"' for text",
+    )
+
+
+def _finite(path: str, text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _refuse_constant(path, text)
 
 
 def apply_overrides(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
@@ -54,8 +78,18 @@ def apply_overrides(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> di
     Raises:
         InputError: a path that leads nowhere, with near matches.
     """
+    if not isinstance(overrides, Mapping):
+        raise InputError(
+            "Overrides are given as a table of paths.", where="overrides", value=overrides, allowed="{path: value}",
+            next_step='for example: {"rig.camera.rows": 128}',
+        )  # fmt: skip
     result: dict[str, Any] = copy.deepcopy(dict(data))
     for path, value in overrides.items():
+        if not isinstance(path, str):
+            raise InputError(
+                "The path of an override is text.", where="overrides", value=path, allowed="keys joined by dots",
+                next_step='for example: {"rig.camera.rows": 128}',
+            )  # fmt: skip
         keys = path.split(".")
         node: Any = result
         for depth, key in enumerate(keys[:-1]):
@@ -66,8 +100,18 @@ def apply_overrides(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> di
         elif isinstance(node, dict):
             node[last] = copy.deepcopy(value)
         else:
-            raise InputError("An override's path goes through a plain value.", where=path, value=node)
+            raise _through(path, node)
     return result
+
+
+def _through(path: str, node: Any) -> InputError:
+    return InputError(
+        "An override's path goes through a plain value.",
+        where=path,
+        value=node,
+        allowed="a path that ends where the value is",
+        next_step="beambench scenes show SCENE tells what there is",
+    )
 
 
 def _step(node: Any, key: str, path: str) -> Any:
@@ -84,11 +128,11 @@ def _step(node: Any, key: str, path: str) -> Any:
                 next_step=f"did you mean {' or '.join(near)}?" if near else "",
             )
         return node[key]
-    raise InputError("An override's path goes through a plain value.", where=path, value=node)
+    raise _through(path, node)
 
 
 def _index(node: list[Any], key: str, path: str) -> int:
-    if key.lstrip("-").isdigit() and -len(node) <= int(key) < len(node):
+    if re.fullmatch(r"-?[0-9]{1,9}", key) and -len(node) <= int(key) < len(node):
         return int(key)
     for position, item in enumerate(node):
         if isinstance(item, dict) and item.get("name") == key:
@@ -98,5 +142,6 @@ def _index(node: list[Any], key: str, path: str) -> int:
         "An override names no element of the list.",
         where=path,
         value=key,
-        allowed=", ".join([f"0..{len(node) - 1}", *names]),
+        allowed=", ".join([*([f"0..{len(node) - 1}"] if node else []), *names]) or "nothing: the list is empty",
+        next_step="beambench scenes show SCENE tells what there is",
     )

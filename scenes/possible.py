@@ -12,6 +12,7 @@ from .errors import InputError
 from .medium import WaterIndex
 from .rig import GatedRig
 from .rig_amcw import AmcwRig
+from .sampling import gated_sample_step
 from .scene import Scene, TargetObject
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Sphere
 
@@ -28,7 +29,8 @@ def check_possible(scene: Scene) -> None:
 
     Raises:
         InputError: camera or laser in or on an object; nothing ahead of the camera; a laser behind the target or, in
-            water, behind the window; a gate longer than the time between pulses; an integration shorter than a period of
+            water, behind the window; a gate longer than the time between pulses; pulse and gates whose samples would be too
+            many or too few; an integration shorter than a period of
             the modulation.
     """
     places: dict[str, Float] = {"camera": np.zeros(3)}
@@ -49,6 +51,7 @@ def check_possible(scene: Scene) -> None:
     if isinstance(scene.rig, GatedRig):
         _check_laser(scene, places["laser"], max(ahead))
         _check_gates(scene, scene.rig)
+        gated_sample_step(scene.rig, scene.name)
     if isinstance(scene.rig, AmcwRig):
         modulation = scene.rig.modulation
         slowest = min(modulation.frequencies_hz)

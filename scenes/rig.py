@@ -8,7 +8,29 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from .ambient import AmbientSpectrum, ambient_rate, without_computed
-from .base import Fraction, NonNegative, Positive, Spec, Vec3
+from .base import Fraction, Spec
+from .quantities import (
+    Counts,
+    Distance,
+    Electrons,
+    Energy,
+    ExcessNoise,
+    FNumber,
+    Gain,
+    LensLength,
+    LongTime,
+    MomentTime,
+    OffsetAngle,
+    OptionalLength,
+    OptionalTime,
+    Place,
+    Rate,
+    SmallLength,
+    StepTime,
+    Velocity,
+    Weight,
+    Well,
+)
 from .waveforms import Gate, Pulse
 
 __all__ = ["Camera", "Delays", "Detector", "GateMap", "GatedRig", "Illumination", "Intensifier", "Laser", "Screen"]
@@ -23,13 +45,13 @@ class Camera(Spec):
 
     rows: Annotated[int, Field(ge=1, le=16384)]
     cols: Annotated[int, Field(ge=1, le=16384)]
-    pixel_pitch_m: Positive
-    focal_length_m: Positive
-    f_number: Positive
+    pixel_pitch_m: SmallLength
+    focal_length_m: LensLength
+    f_number: FNumber
     transmission: Fraction
     quantum_efficiency: Fraction
     vignetting: Literal["none", "cos4"]
-    focus_distance_m: Positive | None = None
+    focus_distance_m: Distance | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent_focus(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -47,9 +69,9 @@ class Illumination(Spec):
     """
 
     profile: Literal["gaussian", "flat-top", "measured"]
-    half_angle_rad: Annotated[float, Field(gt=0, lt=1.5)]
-    offset_rad: tuple[float, float]
-    radial_value: tuple[NonNegative, ...] | None = None
+    half_angle_rad: Annotated[float, Field(ge=1e-9, lt=1.5)]
+    offset_rad: tuple[OffsetAngle, OffsetAngle]
+    radial_value: tuple[Weight, ...] | None = None
 
     @model_validator(mode="after")
     def _measured_has_values(self) -> Illumination:
@@ -68,14 +90,14 @@ class Laser(Spec):
     """
 
     wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
-    pulse_energy_j: Positive
+    pulse_energy_j: Energy
     pulse: Pulse
     illumination: Illumination
-    position_m: Vec3
+    position_m: Place
     energy_fluctuation: Fraction
-    jitter_shot_s: NonNegative
-    jitter_frame_s: NonNegative
-    source_radius_m: NonNegative = 0.0
+    jitter_shot_s: OptionalTime
+    jitter_frame_s: OptionalTime
+    source_radius_m: OptionalLength = 0.0
 
     @model_serializer(mode="wrap")
     def _without_absent_source(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -89,15 +111,15 @@ class GateMap(Spec):
     """Per-pixel gate timing of an intensifier: opening later by `iris_s`·ρ² (ρ: radius/corner radius) plus a skew
     of `skew_s` per half width along (x, y)."""
 
-    iris_s: float
-    skew_s: tuple[float, float]
+    iris_s: MomentTime
+    skew_s: tuple[MomentTime, MomentTime]
 
 
 class Delays(Spec):
     """Delays of the slices as set on the delay generator: start + step·k, each `repeats` times, then laser-off slices."""
 
-    start_s: float
-    step_s: Positive
+    start_s: MomentTime
+    step_s: StepTime
     count: Annotated[int, Field(ge=1, le=65536)]
     repeats: Annotated[int, Field(ge=1, le=65536)] = 1
     laser_off: Annotated[int, Field(ge=0, le=65536)] = 0
@@ -106,22 +128,22 @@ class Delays(Spec):
 class Intensifier(Spec):
     """Image intensifier: gain G and excess noise factor F² (≥ 1) of the gamma model; phosphor spread in pixels (1 σ)."""
 
-    gain: Positive
-    excess_noise_factor: Annotated[float, Field(ge=1)]
-    phosphor_sigma_px: NonNegative
+    gain: Gain
+    excess_noise_factor: ExcessNoise
+    phosphor_sigma_px: Annotated[float, Field(ge=0, le=1e4)]
 
 
 class Detector(Spec):
     """The sensor after the gate, in electrons and DN (EMVA 1288). `adc_bits` up to 16; counts clip at 2^bits − 1."""
 
-    dark_current_e_per_s: NonNegative
-    exposure_s: Positive
-    read_noise_e: NonNegative
+    dark_current_e_per_s: Rate
+    exposure_s: LongTime
+    read_noise_e: Electrons
     prnu: Fraction
-    dsnu_e: NonNegative
-    gain_dn_per_e: Positive
-    offset_dn: NonNegative
-    full_well_e: Positive
+    dsnu_e: Electrons
+    gain_dn_per_e: Gain
+    offset_dn: Counts
+    full_well_e: Well
     adc_bits: Annotated[int, Field(ge=1, le=16)]
     fixed_pattern_seed: Annotated[int, Field(ge=0)]
     intensifier: Intensifier | None = None
@@ -131,7 +153,7 @@ class Screen(Spec):
     """A second surface in every pixel: a plane across the view at z = `distance_m` with holes too small to be resolved (a
     net, bubbles, a dirty port). The share `coverage` of each pixel sees Lambert matter of `albedo`, the rest sees past it."""
 
-    distance_m: Positive
+    distance_m: Distance
     coverage: Annotated[float, Field(ge=0, lt=1)]
     albedo: Fraction
 
@@ -154,12 +176,12 @@ class GatedRig(Spec):
     gates: Annotated[tuple[Gate, ...], Field(min_length=1)]
     gate_map: GateMap | None = None
     delays: Delays
-    pulses_per_slice: Annotated[int, Field(ge=1)]
+    pulses_per_slice: Annotated[int, Field(ge=1, le=10**12)]
     detector: Detector
-    ambient_e_per_s: NonNegative = 0.0
+    ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
-    t0_s: float
-    motion_m_per_s: Vec3 | None = None
+    t0_s: MomentTime
+    motion_m_per_s: Velocity | None = None
     screen: Screen | None = None
 
     @model_serializer(mode="wrap")

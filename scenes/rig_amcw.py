@@ -11,7 +11,20 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from .ambient import AmbientSpectrum, ambient_rate, without_computed
-from .base import Fraction, NonNegative, Positive, Spec
+from .base import Fraction, Spec
+from .quantities import (
+    Counts,
+    Distance,
+    Electrons,
+    Frequency,
+    Gain,
+    LongTime,
+    MomentTime,
+    Power,
+    Rate,
+    SmallLength,
+    Well,
+)
 from .rig import Illumination
 from .rig_waveform import Receiver, collected_m2_sr
 
@@ -25,7 +38,7 @@ class ModulatedLaser(Spec):
     """
 
     wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
-    power_w: Positive
+    power_w: Power
     modulation_depth: Annotated[float, Field(gt=0, le=1)]
     illumination: Illumination
     power_fluctuation: Fraction
@@ -35,23 +48,23 @@ class AmcwDetector(Spec):
     """A demodulating detector: its transmission goes as ½(1 + d cos(2πft − φ)), d = `demodulation_contrast`; then
     Gaussian `read_noise_e` per sample, gain, offset, rounding, clipped at `full_well_e` and 2^bits − 1."""
 
-    active_diameter_m: Positive
+    active_diameter_m: SmallLength
     quantum_efficiency: Fraction
     demodulation_contrast: Annotated[float, Field(gt=0, le=1)]
-    dark_e_per_s: NonNegative
-    read_noise_e: NonNegative
-    gain_dn_per_e: Positive
-    offset_dn: NonNegative
-    full_well_e: Positive
+    dark_e_per_s: Rate
+    read_noise_e: Electrons
+    gain_dn_per_e: Gain
+    offset_dn: Counts
+    full_well_e: Well
     adc_bits: Annotated[int, Field(ge=1, le=16)]
 
 
 class Modulation(Spec):
     """Modulation frequencies, each sampled at `phase_steps` reference phases 2πk/steps for `integration_s` a sample."""
 
-    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=64)]
+    frequencies_hz: Annotated[tuple[Frequency, ...], Field(min_length=1, max_length=64)]
     phase_steps: Annotated[int, Field(ge=3, le=64)]
-    integration_s: Positive
+    integration_s: LongTime
 
     @model_validator(mode="after")
     def _frequencies_differ(self) -> Modulation:
@@ -71,10 +84,10 @@ class AmcwRig(Spec):
     modulation: Modulation
     shots: Annotated[int, Field(ge=1, le=65536)]
     scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
-    range_window_m: tuple[NonNegative, Positive]
-    ambient_e_per_s: NonNegative = 0.0
+    range_window_m: tuple[Annotated[float, Field(ge=0, le=1e9)], Distance]
+    ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
-    t0_s: float
+    t0_s: MomentTime
 
     @model_validator(mode="after")
     def _window_opens(self) -> AmcwRig:

@@ -12,7 +12,23 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from .ambient import AmbientSpectrum, ambient_rate, without_computed
-from .base import Fraction, NonNegative, Positive, Spec
+from .base import Fraction, Spec
+from .quantities import (
+    Counts,
+    Electrons,
+    Energy,
+    ExcessNoise,
+    Frequency,
+    Gain,
+    LensLength,
+    MomentTime,
+    OptionalTime,
+    PulseTime,
+    Rate,
+    SmallLength,
+    StepTime,
+    Well,
+)
 from .rig import Illumination
 from .waveforms import Pulse
 
@@ -27,20 +43,20 @@ class PulsedLaser(Spec):
     whole record of a shot; `energy_fluctuation` is the relative rms of a shot's energy."""
 
     wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
-    pulse_energy_j: Positive
+    pulse_energy_j: Energy
     pulse: Pulse
     illumination: Illumination
     energy_fluctuation: Fraction
-    jitter_pulse_s: NonNegative
-    jitter_shot_s: NonNegative
+    jitter_pulse_s: OptionalTime
+    jitter_shot_s: OptionalTime
 
 
 class Receiver(Spec):
     """The lens before the detector. The field's half angle is detector diameter/(2 focal length); the lens is taken as
     focused on the target (one focused far away would lose light nearer than aperture · focal length/detector)."""
 
-    aperture_diameter_m: Positive
-    focal_length_m: Positive
+    aperture_diameter_m: LensLength
+    focal_length_m: LensLength
     transmission: Fraction
 
 
@@ -59,14 +75,14 @@ class ImpulseResponse(Spec):
     """
 
     shape: Literal["gaussian", "single-pole"]
-    rise_time_s: Positive
+    rise_time_s: PulseTime
 
 
 class Avalanche(Spec):
     """Internal gain of an avalanche photodiode or photomultiplier, and its excess noise factor F² (≥ 1)."""
 
-    gain: Positive
-    excess_noise_factor: Annotated[float, Field(ge=1)]
+    gain: Gain
+    excess_noise_factor: ExcessNoise
 
 
 class AnalogReadout(Spec):
@@ -74,10 +90,10 @@ class AnalogReadout(Spec):
     `read_noise_e` per sample, gain, offset and rounding; clipped at `full_well_e` and 2^bits − 1."""
 
     kind: Literal["analog"] = "analog"
-    read_noise_e: NonNegative
-    gain_dn_per_e: Positive
-    offset_dn: NonNegative
-    full_well_e: Positive
+    read_noise_e: Electrons
+    gain_dn_per_e: Gain
+    offset_dn: Counts
+    full_well_e: Well
     adc_bits: Annotated[int, Field(ge=1, le=16)]
     avalanche: Avalanche | None = None
 
@@ -89,16 +105,16 @@ class SinglePhotonReadout(Spec):
     """
 
     kind: Literal["single-photon"] = "single-photon"
-    dead_time_s: NonNegative
+    dead_time_s: Annotated[float, Field(ge=0, le=1)]
 
 
 class Photodetector(Spec):
     """A photodetector: its disc, quantum efficiency, speed, dark rate and readout."""
 
-    active_diameter_m: Positive
+    active_diameter_m: SmallLength
     quantum_efficiency: Fraction
     response: ImpulseResponse
-    dark_e_per_s: NonNegative
+    dark_e_per_s: Rate
     readout: Annotated[AnalogReadout | SinglePhotonReadout, Field(discriminator="kind")]
 
 
@@ -108,8 +124,8 @@ class Record(Spec):
     `scan_half_angle_rad`: shots look along evenly spaced angles from −a to +a in the x-z plane; 0 stares along z.
     """
 
-    start_s: float
-    step_s: Positive
+    start_s: MomentTime
+    step_s: StepTime
     samples: Annotated[int, Field(ge=4, le=65536)]
     shots: Annotated[int, Field(ge=1, le=65536)]
     scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
@@ -125,10 +141,10 @@ class WaveformRig(Spec):
     detector: Photodetector
     record: Record
     pulses_per_shot: Annotated[int, Field(ge=1, le=65535)]
-    ambient_e_per_s: NonNegative = 0.0
+    ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
-    counter_hz: Positive | None = None
-    t0_s: float
+    counter_hz: Frequency | None = None
+    t0_s: MomentTime
 
     @model_validator(mode="after")
     def _window_is_bounded(self) -> WaveformRig:

@@ -15,7 +15,7 @@ import pytest
 
 import beambench
 from beambench import cli
-from beambench.output import claim, default_out, slug
+from beambench.output import claim, default_out, is_package, slug
 
 SMALL = {"rig.camera.rows": 20, "rig.camera.cols": 24}
 SET = ["--set", "rig.camera.rows=20", "--set", "rig.camera.cols=24"]
@@ -246,13 +246,17 @@ def test_outputs_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine" / "thesis.tex").write_text("years of work")
     with pytest.raises(beambench.InputError, match="exists"):
         claim(tmp_path / "mine", "x")
-    with pytest.raises(beambench.InputError, match="did not write"):
-        claim(tmp_path / "mine", "x", overwrite=True)
+    for ours in (None, is_package):
+        with pytest.raises(beambench.InputError, match="nothing that Beambench"):
+            claim(tmp_path / "mine", "x", overwrite=True, ours=ours)
     assert (tmp_path / "mine" / "thesis.tex").read_text() == "years of work"
     ours = beambench.estimators_new("my-median", out=tmp_path / "ours")
-    assert claim(ours, "x", overwrite=True) == ours and not ours.exists()
-    with pytest.raises(beambench.InputError, match="one"):
-        claim(tmp_path / "new", "x", resume=True, overwrite=True)
+    (ours / "notes.txt").write_text("mine")
+    assert beambench.estimators_new("my-median", out=ours, overwrite=True) == ours
+    assert (ours / "notes.txt").read_text() == "mine", "nothing is removed"
+    (ours / "pyproject.toml").write_text('[project]\nname = "thesis"\n')
+    with pytest.raises(beambench.InputError, match="nothing that Beambench"):
+        beambench.estimators_new("my-median", out=ours, overwrite=True)
 
 
 def test_default_output_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,19 +131,20 @@ def _answer(error: list[float], valid: list[bool] | None = None, status: str = "
 
 
 def test_modes_of_failure() -> None:
-    # Element 0 is displaced in both seeds, 1 is far off in one, 2 gives no answer, 3 is right; the third capture crashed.
+    # Elements 0 and 4 are displaced in both seeds, 1 is far off in one, 2 gives no answer, 3 is right; the third capture
+    # crashed.
     answers = [
-        _answer([3.0, 5.0, 0.0, 0.1], [True, True, False, True]),
-        _answer([2.0, 0.2, 0.0, 0.1], [True, True, False, True]),
-        _answer([0.0] * 4, [False] * 4, "crash:SIGSEGV"),
+        _answer([3.0, 5.0, 0.0, 0.1, -2.0], [True, True, False, True, True]),
+        _answer([2.7, 0.2, 0.0, 0.1, -2.2], [True, True, False, True, True]),
+        _answer([0.0] * 5, [False] * 5, "crash:SIGSEGV"),
     ]
     trials = trials_of("wall", [1, 2, 3], answers)
     assert trials == [
-        Trial("wall", 1, 4, bias=1, outlier=1, refusal=1),
-        Trial("wall", 2, 4, bias=1, refusal=1),
-        Trial("wall", 3, 4, crash=4),
+        Trial("wall", 1, 5, bias=2, outlier=1, refusal=1),
+        Trial("wall", 2, 5, bias=2, refusal=1),
+        Trial("wall", 3, 5, crash=5),
     ]
-    assert mode_of(trials) == "crash" and mode_of(trials[:2]) == "refusal" and mode_of([]) == "none"
+    assert mode_of(trials) == "crash" and mode_of(trials[:2]) == "bias" and mode_of([]) == "none"
     # An element that hovers at its limit, displaced in every seed, is biased though it fails in one seed only.
     assert trials_of("a", [1, 2, 3], [_answer([1.1]), _answer([0.9]), _answer([0.9])])[0] == Trial("a", 1, 1, bias=1)
     assert trials_of("a", [1, 2, 3], [_answer([1.1]), _answer([-0.9]), _answer([0.9])])[0] == Trial(

@@ -7,12 +7,40 @@ import json
 import numpy as np
 import pytest
 
-from beambench.benchmarks.calibrate import calibrated_rig, record_gate, record_pulse
+from beambench.benchmarks.calibrate import Calibrations, calibrated_rig, record_gate, record_pulse
+from beambench.benchmarks.suite import Cell, cells_of, load_suite
 from beambench.benchmarks.suite_spec import Calibration
+from beambench.estimators.calibration.response import gate_from_scan, pulse_from_trace
 from beambench.estimators.response import correlate_samples
-from beambench.optics import waveforms
+from beambench.optics import correlation, waveforms
+from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.declare import declared_rig
 from beambench.scenes.load import load_scene
+
+STEP = 1e-11
+GAUSSIAN = waveforms.GaussianPulse(1e-9)
+GATES = {
+    "rectangular": waveforms.RectangularGate(1.0037e-9, 1.0),  # closes between two steps
+    "trapezoidal": waveforms.TrapezoidalGate(1e-9, 3e-10, 3e-10, 1.0),
+    "gaussian": waveforms.GaussianGate(1e-9, 0.9),
+    "exponential": waveforms.ExponentialGate(6e-10, 3e-10, 0.8),
+}
+
+
+def shift_mm(pulse: waveforms.Pulse, gate: waveforms.Gate, photons: tuple[float, float], seed: int) -> float:
+    """By how much the recovered R lies off its closed form, as a range sees it: least squares in height and place."""
+    low, high = correlation.correlation_support(pulse, gate)
+    u = np.linspace(low, high, 1000)
+    basis = np.stack([correlation.correlation(pulse, gate, u), -correlation.correlation_slope(pulse, gate, u)], axis=1)
+    first, second = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    time, trace = record_pulse(pulse, STEP, photons[0], first)
+    delay, scan = record_gate(gate, STEP, photons[1], second)
+    found = correlate_samples(
+        pulse_from_trace(float(time[0]), STEP, trace),
+        gate_from_scan(float(delay[0]), STEP, scan, transmission=float(gate.transmission)),  # type: ignore[union-attr]
+    )
+    height, moved = np.linalg.lstsq(basis, found(u)[0], rcond=None)[0]
+    return float(500 * C_M_PER_S * moved / height)
 
 
 def calibration(photons: float, seed: int = 1) -> Calibration:
@@ -76,3 +104,65 @@ def test_the_true_waveform_is_recorded_not_the_declared_one() -> None:
     width = [correlate_samples(r["pulse"], r["gates"][0]).variance_s2 ** 0.5 for r in (true, found, wrong)]
     assert width[1] == pytest.approx(width[0], rel=0.02)
     assert width[2] > 1.5 * width[0]
+
+
+@pytest.mark.parametrize("name", GATES)
+@pytest.mark.parametrize("pulse", [GAUSSIAN, waveforms.ExponentialPulse(6e-10, 5e-10)], ids=["gaussian", "tailed"])
+def test_a_calibrated_response_is_not_displaced(name: str, pulse: waveforms.Pulse) -> None:
+    # Half a step of 10 ps is .75 mm. What may be left without noise is the curvature of a Gaussian's edge.
+    assert abs(shift_mm(pulse, GATES[name], (1e15, 1e13), 0)) < 0.03
+    # At a suite's photons: its mean over draws is within 3 standard errors of none.
+    found = np.array([shift_mm(pulse, GATES[name], (1e5, 1e3), seed) for seed in range(120)])
+    assert abs(found.mean()) < 3 * found.std(ddof=1) / np.sqrt(found.size)
+
+
+def test_the_gates_place_is_as_uncertain_as_its_counts_say() -> None:
+    # √(.625 h/(n w))/s: h 10 ps, n 1e3, the rise .3 ns long, w half of its middle half: 2.74 ps, .41 mm. A standard
+    # deviation of 100 draws is known to 7 %, and the plateau's height adds some: 3 of its errors either way.
+    found = [shift_mm(GAUSSIAN, GATES["trapezoidal"], (1e12, 1e3), seed) for seed in range(100)]
+    expected = 500 * C_M_PER_S * np.sqrt(0.625 * STEP / (1e3 * 0.075e-9)) * 0.3e-9
+    assert expected == pytest.approx(0.41, abs=0.01)
+    assert np.std(found, ddof=1) == pytest.approx(expected, rel=0.22)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.2, 0.5, 0.7])
+def test_the_scans_phase_does_not_move_the_gate(phase: float) -> None:
+    # A laboratory's steps do not meet the edge: a jump seen through hats at any phase is put back within .02 mm.
+    gate = GATES["exponential"]
+    delay = (np.arange(-100, 1200) + phase) * STEP
+    edge = np.concatenate([[delay[0] - STEP], delay, [delay[-1] + STEP]])
+    seen = sum(np.diff(part.upper2(edge), n=2) for part in waveforms.gate_parts(gate)) / STEP**2
+    found = gate_from_scan(0.0, STEP, np.asarray(seen), transmission=0.8)
+    top = int(np.argmax(np.asarray(found["value"]) > 0.4))  # the first sample past the half height, of either
+    true = float(delay[int(np.argmax(np.asarray(seen) > 0.4))])
+    assert (found["start_s"] + top * STEP - true) * 500 * C_M_PER_S == pytest.approx(0.0, abs=0.02)
+
+
+def test_each_scene_and_seed_has_its_own_calibration_and_levels_share_it() -> None:
+    suite = {
+        "suite": "s", "estimators": ["peak"], "seeds": {"test": [1, 2]}, "conditions": ["calibrated"],
+        "scenes": [{"scene": "flat-wall"}, {"scene": "flat-wall", "name": "again"}],
+        "stresses": [{"axis": "photons", "values": [1.0, 0.1]}],
+        "calibration": {"pulse_photoelectrons": 1e5, "gate_photoelectrons": 1e3},
+    }  # fmt: skip
+    cells = cells_of(load_suite(suite))
+
+    def drawn(cell: Cell, source: Calibrations) -> str:
+        rig = json.loads(source.declared(cell, json.dumps(declared_rig(cell.scene))))
+        return json.dumps([rig["pulse"], rig["gates"]])
+
+    source = Calibrations(load_suite(suite).suite.calibration or calibration(1e5))
+    found = {(cell.scene_name, cell.seed, cell.level): drawn(cell, source) for cell in cells}
+    by_draw: dict[str, set[tuple[str, int]]] = {}
+    for (name, seed, _), text in found.items():
+        by_draw.setdefault(text, set()).add((name, seed))
+    assert len(found) == 12
+    assert sorted(by_draw.values(), key=str) == [{("again", 1)}, {("again", 2)}, {("flat-wall", 1)}, {("flat-wall", 2)}]
+    # By name, not by order: asked for the other way round, all are the same. The suite's seed draws them anew.
+    again, other = Calibrations(calibration(1e5, seed=0)), Calibrations(calibration(1e5, seed=1))
+    assert {(c.scene_name, c.seed, c.level): drawn(c, again) for c in reversed(cells)} == found
+    assert drawn(cells[0], other) != drawn(cells[0], again)
+
+
+def test_a_stress_that_a_calibration_takes_away_is_swept_without_it() -> None:
+    assert load_suite("stress-gate").suite.conditions == ("matched",)

@@ -113,7 +113,8 @@ def test_a_calibrated_response_comes_from_a_noisy_record_of_the_true_one() -> No
 
     assert new["value"] != old["value"]
     assert moments(new)[0] == pytest.approx(1.0, abs=1e-3)
-    assert moments(new)[1] == pytest.approx(moments(old)[1], abs=1e-15)
+    # Its place is the record's centroid, σ/√N; the samples end where the tail sinks into the dark counts.
+    assert moments(new)[1] == pytest.approx(moments(old)[1], abs=3 * moments(old)[2] / np.sqrt(1e6))
     assert moments(new)[2] == pytest.approx(moments(old)[2], rel=0.02)
     amcw = load_scene("amcw", {"rig.shots": 3})
     declared = str(generate(amcw, seed=1).attrs["rig"])
@@ -135,13 +136,14 @@ def test_a_suite_runs_from_scene_to_scores(tmp_path: Path) -> None:
     }  # fmt: skip
     result = run_suite(suite, tmp_path / "run", overrides={"rig.record.shots": 64}, report=False)
     table = pd.read_csv(result.out / "scores.csv")
-    assert len(table) == 8 and (table.status == "ok").all() and (table.modality == "waveform").all()
-    assert (table.n == 64).all() and (table.unit == "m").all()
+    skipped = (table.estimator == "waveform-coates") & (table.scene == "counter")
+    assert len(table) == 8 and (table.status[~skipped] == "ok").all() and (table.modality == "waveform").all()
+    assert (table.n[~skipped] == 64).all() and (table.unit == "m").all()
     ml = table[(table.estimator == "waveform-ml")]
     assert (ml.coverage == 1).all() and (ml.rmse < 1.5 * ml.bound).all()
-    # Analog captures have no pile-up to correct: refused, and it counts as failed.
-    refused = table[(table.estimator == "waveform-coates") & (table.scene == "counter")]
-    assert (refused.coverage == 0).all() and (refused.failure_rate == 1).all()
+    # Analog captures have no pile-up to correct: skipped with a reason, and no failure.
+    assert table.status[skipped].str.startswith("skip: reads rigs whose detector.readout.kind is single-photon").all()
+    assert (table.n[skipped] == 0).all() and table.failure_rate[skipped].isna().all()
     amcw = {
         **suite, "suite": "phases", "scenes": ["amcw"], "conditions": ["matched"], "estimators": ["amcw-ml", "amcw-decade"],
     }  # fmt: skip

@@ -124,22 +124,24 @@ def test_refusing_all_hard_elements_does_not_win() -> None:
     assert math.isnan(silent["rmse"])
 
 
-def test_mixed_elements_are_scored_apart_by_their_distance_from_the_interval() -> None:
+def test_mixed_elements_are_scored_apart_by_their_distance_from_the_nearer_surface() -> None:
     truth = Truth(
         np.array([[5.0, 5.5, 5.5, 5.5, np.nan]]),
         np.array([[False, True, True, True, False]]),
         np.array([[5.0, 5.0, 5.0, 5.0, np.nan]]),
         np.array([[5.0, 6.0, 6.0, 6.0, np.nan]]),
     )
-    answer = np.array([[5.1, 5.4, 4.8, 6.5, 7.0]])
+    answer = np.array([[5.1, 5.6, 4.8, 6.0, 7.0]])
     error = errors_of(answer, truth)
-    np.testing.assert_allclose(error, [[0.1, 0.0, -0.2, 0.5, np.nan]], atol=1e-12)
+    # Between two surfaces there is nothing: such an answer is off by the way to the nearer one, here the last.
+    np.testing.assert_allclose(error, [[0.1, -0.4, -0.2, 0.0, np.nan]], atol=1e-12)
     bound = Bound(np.array([[0.1, np.nan, np.nan, np.nan, np.nan]]), "exact", 0.6, 4.0)
     est = {"range": answer, "sigma": np.ones((1, 5)), "valid": np.ones((1, 5), bool)}
     plain, mixed = score_rows(key(), truth, bound, est, status="ok")
     assert (plain["quantity"], plain["n"], mixed["quantity"], mixed["n"]) == ("range", 1, "range-mixed", 3)
     assert plain["rmse"] == pytest.approx(0.1)
-    assert mixed["failure_rate"] == pytest.approx(1 / 3)  # X = .3: the .5 fails
+    assert mixed["failure_rate"] == pytest.approx(1 / 3)  # X = .3: the .4 fails
+    assert mixed["rmse"] == pytest.approx(math.sqrt((0.16 + 0.04) / 3))
     assert mixed["bound_kind"] == "none"
     assert math.isnan(mixed["bound"])
 
@@ -249,7 +251,7 @@ def test_summary_pools_squares_and_has_intervals() -> None:
     assert pooled["rmse"] == pytest.approx(math.sqrt(np.mean([row["rmse"] ** 2 for row in rows])))
     assert pooled["rmse_full_lo"] <= pooled["rmse_full"] <= pooled["rmse_full_hi"]
     assert pooled["failure_rate_lo"] == 0
-    assert 0 < pooled["failure_rate_hi"] < 0.01
+    assert pooled["failure_rate_hi"] > 0.8  # two seeds without a failure say little: each counts as one element
 
 
 def test_the_limit_of_failure_follows_the_bound_within_the_echo_only() -> None:

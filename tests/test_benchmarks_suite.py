@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from beambench.benchmarks.estimator_labels import check_estimators
-from beambench.benchmarks.output import Journal, default_folder, prepare_folder
+from beambench.benchmarks.kinds import RUN
+from beambench.benchmarks.output import Journal, default_folder
 from beambench.benchmarks.suite import capture_key, cells_of, list_suites, load_suite
+from beambench.benchmarks.workplace import output_folder, workplace
 from beambench.scenes.errors import InputError
 
 
@@ -154,39 +156,44 @@ def test_estimators_are_checked_before_anything_runs() -> None:
     assert (chosen.name, chosen.params, chosen.label) == ("peak", "", "peak")
 
 
+def _begin(place: Path, suite_hash: str = "h", **flags: bool) -> None:
+    with workplace(place, RUN, check=lambda held: Journal.check(held, suite_hash), **flags) as work:
+        Journal(work, suite_hash).add(("a",), [{"status": "ok"}])
+
+
 def test_an_output_is_never_overwritten_unasked(tmp_path: Path) -> None:
     place = tmp_path / "run"
-    prepare_folder(place, "h", resume=False, overwrite=False)
-    Journal(place, "h")
+    _begin(place)
     with pytest.raises(InputError, match="not empty"):
-        prepare_folder(place, "h", resume=False, overwrite=False)
+        _begin(place)
     with pytest.raises(InputError, match="another suite"):
-        prepare_folder(place, "other", resume=True, overwrite=False)
-    prepare_folder(place, "h", resume=True, overwrite=False)
+        _begin(place, "other", resume=True)
+    _begin(place, resume=True)
+    assert len((place / "journal.jsonl").read_text().splitlines()) == 3
     (place / "notes.txt").write_text("mine")
-    prepare_folder(place, "h", resume=False, overwrite=True)
+    _begin(place, "other", overwrite=True)
     assert (place / "notes.txt").exists()
-    assert not (place / "journal.jsonl").exists()
+    assert len((place / "journal.jsonl").read_text().splitlines()) == 2
     with pytest.raises(InputError, match="exclude"):
-        prepare_folder(place, "h", resume=True, overwrite=True)
+        output_folder(place, "x", resume=True, overwrite=True)
     stranger = tmp_path / "home"
     stranger.mkdir()
     (stranger / "thesis.tex").write_text("x")
-    with pytest.raises(InputError, match="no run"):
-        prepare_folder(stranger, "h", resume=False, overwrite=True)
+    with pytest.raises(InputError, match="did not write"):
+        _begin(stranger, overwrite=True)
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="not a folder"):
-        prepare_folder(tmp_path / "file", "h", resume=False, overwrite=False)
+        _begin(tmp_path / "file")
     with pytest.raises(InputError, match="cannot be written"):
-        prepare_folder(tmp_path / "file" / "below", "h", resume=False, overwrite=False)
+        _begin(tmp_path / "file" / "below")
 
 
 def test_the_journal_takes_up_what_was_ok_and_skips_a_torn_line(tmp_path: Path) -> None:
-    prepare_folder(tmp_path, "h", resume=False, overwrite=False)
     journal = Journal(tmp_path, "h")
     journal.add(("a", "1"), [{"status": "ok", "rmse": 0.5, "efficiency": math.nan}])
     journal.add(("b", "1"), [{"status": "timeout: x", "rmse": math.nan}])
     with open(journal.path, "a") as file:
+        file.write('{"key": ["e", "1"], "rows": [1]}\n{"key": ["f"], "rows": [{"status": "ok"}], "beside": 3}\n[]\n')
         file.write('{"key": ["c", "1"], "rows": [{"sta')
     again = Journal(tmp_path, "h")
     assert list(again.done) == [("a", "1")]

@@ -271,9 +271,9 @@ def test_training_is_deterministic_and_helps(tmp_path) -> None:  # type: ignore[
     for signal_e in (3e3, 1e4):
         _rig, tau, capture = _cell(signal_e, 5.0, seed=int(signal_e))
         parts.append(samples_of(_with_truth(capture, tau), 4.0, rng))
-    features, answers = (np.concatenate([p[i] for p in parts]) for i in (0, 1))
-    one = fit(features, answers, units=32, ridge=1e-5, seed=3)
-    two = fit(features, answers, units=32, ridge=1e-5, seed=3)
+    features, answers, light = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    one = fit(features, answers, light, units=32, ridge=1e-5, seed=3)
+    two = fit(features, answers, light, units=32, ridge=1e-5, seed=3)
     assert all(np.array_equal(one[key], two[key]) for key in one)
     assert one["rms_held_out"] <= 1.02 * one["rms_first_guess"]
     path = tmp_path / "w.npz"
@@ -289,7 +289,7 @@ def test_training_is_deterministic_and_helps(tmp_path) -> None:  # type: ignore[
     with pytest.raises(InputError, match="no captures"):
         train([tmp_path / "nothing.zarr"], tmp_path / "x.npz")
     with pytest.raises(InputError):
-        fit(features[:50], answers[:50], units=32, ridge=1e-5, seed=3)
+        fit(features[:50], answers[:50], light[:50], units=32, ridge=1e-5, seed=3)
 
 
 def test_shipped_weights_are_small_and_name_their_training() -> None:

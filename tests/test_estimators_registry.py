@@ -141,3 +141,24 @@ def test_bad_rigs_and_stacks_are_refused() -> None:
         run_estimator("peak", capture.assign_coords(gate=capture["gate"] + 1))
     with pytest.raises(InputError):
         run_estimator("peak", capture.drop_vars("delay"))
+
+
+def test_an_estimator_may_need_a_kind_of_rig() -> None:
+    @estimator("gated", cites="a test", needs={"camera.rows": "many", "detector.adc_bits": "16"})
+    def picky(capture: xr.Dataset) -> xr.Dataset:
+        raise AssertionError("never called")
+
+    found = Estimator(
+        "picky", "gated", "a test", picky, needs=(("kind", "gated"), ("detector.readout.kind", "counting"))
+    )
+    assert found.unfit(_capture()) == "reads rigs whose detector.readout.kind is counting, not None"
+    # Told by the declared rig alone, not by the counts; a rig that is no JSON is none that it reads.
+    for rig in ("{}", "no JSON", ""):
+        assert found.unfit(_capture().assign_attrs(rig=rig))
+    with pytest.raises(InputError, match="counting, not None"):
+        found(_capture())
+    with pytest.raises(InputError, match=r"camera\.rows is many, not 3"):
+        run_estimator(picky, _capture())
+    assert get_estimator("weighted-average").unfit(_capture()) == ""
+    with pytest.raises(InputError, match="not of the instrument"):
+        estimator("gated", cites="a test", needs={"name": "object1"})

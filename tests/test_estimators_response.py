@@ -93,7 +93,8 @@ def test_calibration_recovers_samples() -> None:
     value = np.array(pulse["value"])
     t = pulse["start_s"] + pulse["step_s"] * np.arange(value.size)
     assert value.sum() * pulse["step_s"] == pytest.approx(1.0)
-    assert (t * value).sum() / value.sum() == pytest.approx(0.0, abs=1e-16)
+    # Zero is the centroid of the record, whose noise of .1 % counts over twice the pulse's length; the samples end sooner.
+    assert (t * value).sum() / value.sum() == pytest.approx(0.0, abs=0.003 * rig.sigma_s)
     found = correlate_samples(pulse, gate)
     # .1 % noise after averaging: the gate's half height moves by .001·(its rise, .6 σ) and some; widths by cut tails.
     assert abs(found.centroid_s - true.centroid_s) < 0.003 * rig.sigma_s

@@ -67,3 +67,33 @@ def test_training_and_test_share_no_shape_and_no_seed() -> None:
     assert shapes == {"rectangle", "sphere"}
     assert all(scene.target[0].shape.kind == "height-grid" for _, scene in unseen.scenes)
     assert not set(training.suite.seeds.test) & set(unseen.suite.seeds.test)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"seed": -1}, {"seed": 1.5}, {"ridge": float("nan")}, {"ridge": float("inf")}, {"units": 0}, {"units": 2.0}]
+)
+def test_bad_parameters_are_told_before_data_are_read(tmp_path: Path, bad: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="out of range") as told:
+        beambench.estimators_train(tmp_path / "nowhere", out=tmp_path / "w.npz", **bad)  # type: ignore[arg-type]
+    assert told.value.where == f"--{next(iter(bad))}" and told.value.allowed
+
+
+def test_weights_that_cannot_be_written_leave_the_old_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from beambench.estimators import train
+
+    out = tmp_path / "w.npz"
+    out.write_bytes(b"old")
+
+    def full(fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(train.os, "fsync", full)
+    with pytest.raises(InputError, match="cannot be written"):
+        train._write(out, {"a": np.zeros(3)})
+    assert out.read_bytes() == b"old" and [path.name for path in tmp_path.iterdir()] == ["w.npz"]
+
+
+def test_data_of_another_kind_are_told(tmp_path: Path) -> None:
+    for data in (5, [], [7], None):
+        with pytest.raises(InputError, match="paths"):
+            beambench.estimators_train(data, out=tmp_path / "w.npz")  # type: ignore[arg-type]

@@ -26,6 +26,10 @@ LABEL = {name: f"{name}[counter_hz=1e9]" if name == "waveform-counter" else name
 ANALOG = [name for name in NAMES if name != "waveform-coates"]
 
 
+def _read_by(*scenes: str) -> list[tuple[str, str]]:
+    return [(name, scene) for name in NAMES for scene in scenes if name in ANALOG or scene == "single-photon"]
+
+
 @lru_cache(maxsize=32)
 def _made(scene: str, text: str, seed: int) -> xr.Dataset:
     return generate(load_scene(scene, json.loads(text)), seed=seed, rtol=5e-3)
@@ -137,8 +141,19 @@ def test_pile_up_pulls_early_and_coates_undoes_it() -> None:
     assert raw.mean() < -0.015
     assert abs(corrected.mean()) < 4 * sigma.mean() / 20
     assert np.std(corrected / sigma) == pytest.approx(1.0, abs=4 / np.sqrt(800))
-    # An analog record has no pile-up to correct.
-    assert not errors("waveform-coates", made("counter", {"rig.record.shots": 8}))[2].any()
+
+
+@pytest.mark.parametrize("scene", ["counter", "photodetector-5m"])
+def test_coates_refuses_analog_records_with_a_reason(scene: str) -> None:
+    # They have no pile-up to correct: no answer would be one of this method, and no failure either.
+    analog = hide_truth(made(scene, {"rig.record.shots": 8}))
+    coates = get_estimator("waveform-coates")
+    assert coates.unfit(analog) == "reads rigs whose detector.readout.kind is single-photon, not analog"
+    with pytest.raises(InputError, match="is single-photon, not analog"):
+        run_estimator("waveform-coates", analog)
+    with pytest.raises(InputError, match="no pile-up"):
+        coates.function(analog)
+    assert coates.unfit(hide_truth(made("single-photon", {"rig.record.shots": 8}))) == ""
 
 
 def test_background_left_in_pulls_the_average_to_the_window_s_middle() -> None:
@@ -164,8 +179,7 @@ def test_wrong_declared_zero_and_index_shift_the_answer_as_they_must() -> None:
     assert shift == pytest.approx(1e-10 * half, abs=5 * 8e-4 * np.sqrt(2 / 256))
 
 
-@pytest.mark.parametrize("scene", ["counter", "single-photon", "photodetector-5m"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "scene"), _read_by("counter", "single-photon", "photodetector-5m"))
 def test_laws(name: str, scene: str) -> None:
     capture = hide_truth(made(scene, {"rig.record.shots": 30}))
     label = LABEL[name]
@@ -219,8 +233,7 @@ KINDS = [
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("scene", ["counter", "single-photon"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "scene"), _read_by("counter", "single-photon"))
 def test_finite_or_invalid(name: str, scene: str, kind: str) -> None:
     capture = hide_truth(made(scene, {"rig.record.shots": 8}))
     signal = capture["signal"].values.astype(np.float32)

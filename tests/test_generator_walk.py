@@ -301,6 +301,8 @@ def test_points_leave_the_bits_as_they_were() -> None:
     assert "source_radius_m" not in plain.model_dump_json() and "focus_distance_m" not in plain.model_dump_json()
     one, two = remainder(plain, 3, 256), remainder(told, 3, 256)
     assert one.light.tobytes() == two.light.tobytes()
+    assert one.sigma.tobytes() == two.sigma.tobytes()
+    assert one.finite is None and two.finite is None and not one.parts and not two.parts
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mitransient") is None, reason="the peer mitransient is not installed")

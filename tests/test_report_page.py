@@ -64,7 +64,9 @@ def read(page: str) -> _Reader:
 
 def test_it_says_what_was_found(page: str) -> None:
     text = read(page).text
-    assert "poisson-ml is the most accurate" in text
+    # Three scenes decide nothing, and what the conditions have is not pooled.
+    assert "(matched), poisson-ml has the smallest error" in text and "of 5 others certainly worse" not in text
+    assert "the most accurate" not in text and "0 of 4 others certainly worse over scenes" in text
     assert "peak is the fastest" in text
     for name in (*made_up.ESTIMATORS, *made_up.SCENES):
         assert name in text
@@ -99,6 +101,24 @@ def test_it_asks_for_nothing(page: str) -> None:
     assert style is not None
     assert "url(" not in style[1] and "@import" not in style[1]
     assert "default-src 'none'" in page and "unsafe-eval" not in page
+
+
+def test_elements_of_a_grid_of_stresses_are_all_counted(tmp_path: Path) -> None:
+    """Three by three levels of two axes on 1,000 elements are 9,000 elements, whatever the number of estimators."""
+    rows = [
+        made_up.score_row(stress="photons", level=a, stress2="background", level2=b, n=1_000_000, estimator=name)
+        for a in (1, 2, 3)
+        for b in (1, 2, 3)
+        for name in ("a", "b")
+    ]
+    pd.DataFrame(rows).to_csv(tmp_path / "scores.csv", index=False)
+    text = read(write_report(tmp_path).read_text(encoding="utf-8")).text
+    assert "9.00 M pixels with truth" in " ".join(text.split())
+
+
+def test_the_page_tells_the_limit_of_failure(page: str) -> None:
+    text = " ".join(read(page).text.split())
+    assert "five bounds where that is more, but never more than the width of the echo" in text
 
 
 def test_pictures_are_described(page: str) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -49,6 +51,89 @@ def test_three_sentences(table: pd.DataFrame) -> None:
     sentences = summary(table)
     assert len(sentences) == 3 and all(sentence.endswith(".") for sentence in sentences)
     assert "4 estimators fail" in sentences[2]
+
+
+def _suite(scenes: int, spread: float, lead: float) -> pd.DataFrame:
+    """a ahead of b and c by a factor, on scenes whose ratios scatter; one seed."""
+    rng = np.random.default_rng(3)
+    factors = {"a": 1.0, "b": lead, "c": 2.0 * lead}
+    return pd.DataFrame(
+        made_up.score_row(scene=f"s{k}", estimator=name, rmse_full=1e-3 * factor * np.exp(spread * rng.normal()))
+        for k in range(scenes)
+        for name, factor in factors.items()
+    )
+
+
+def test_the_most_accurate_is_called_so_only_where_scenes_tell() -> None:
+    """As the ranking of the same page has it: paired over scenes, corrected for all pairs, six scenes at least."""
+    assert "a is the most accurate" in summary(_suite(12, 0.05, 1.5))[0]
+    assert "2 of 2 others certainly worse" in closing_lines(_suite(12, 0.05, 1.5))[0]
+    for table, worse in ((_suite(12, 0.0, 1.0001), 2), (_suite(12, 0.3, 1.0001), 1), (_suite(3, 0.05, 1.5), 0)):
+        first = summary(table)[0]
+        # Without any scatter even a hair is certain; with scatter, or on few scenes, it is not.
+        assert ("is the most accurate" in first) == (worse == 2)
+        assert worse == 2 or "has the smallest error" in first
+        assert f"{worse} of 2 others certainly worse" in closing_lines(table)[0]
+    alone = summary(pd.DataFrame([made_up.score_row()]))[0]
+    assert "has the smallest error" in alone and "others" not in alone
+
+
+def test_a_ratio_to_the_bound_is_of_one_condition_and_of_exact_bounds() -> None:
+    rows = [
+        made_up.score_row(scene="x", rmse_full=1e-3, bound=5e-4),
+        made_up.score_row(scene="y", rmse_full=1e-3, bound=1e-5, bound_kind="bayes"),
+        made_up.score_row(scene="x", condition="calibrated", rmse_full=9e-3, bound=5e-4),
+        made_up.score_row(scene="y", condition="calibrated", rmse_full=9e-3, bound=5e-4),
+    ]
+    table = pd.DataFrame(rows)
+    assert "(matched), peak has the smallest error" in summary(table)[0]
+    assert "2.00 times the exact bound" in summary(table)[0] and "(matched)" in closing_lines(table)[0]
+
+
+def test_an_estimator_without_any_error_is_ranked_first() -> None:
+    rows = [
+        made_up.score_row(scene=scene, estimator=name, rmse_full=error)
+        for scene, errors in {"x": (0.0, 1e-3, 0.0), "y": (1e-3, 2e-3, 2e-3)}.items()
+        for name, error in zip("abc", errors, strict=True)
+    ]
+    ranked = rank(cells_of(pd.DataFrame(rows)))
+    assert [r.label for r in ranked] == ["a", "c", "b"] and all(r.cells == 2 for r in ranked)
+    assert ranked[0].error_ratio == 1.0 and ranked[1].error_ratio == pytest.approx(2**0.5)
+    assert ranked[0].bound_ratio == 0.0 and np.isinf(ranked[2].error_ratio)
+    assert "a has the smallest error" in summary(pd.DataFrame(rows))[0]
+
+
+def test_what_is_of_answered_elements_is_weighted_by_these() -> None:
+    few: dict[str, Any] = {"n": 1000, "coverage": 0.1, "bias": 1e-2, "p95": 1e-1, "rmse": 2e-2, "bound_kind": "bayes"}
+    most: dict[str, Any] = {"n": 1000, "coverage": 0.9, "bias": 0.0, "p95": 1e-3, "rmse": 1e-3}
+    (cell,) = cells_of(pd.DataFrame([made_up.score_row(seed=1, **most), made_up.score_row(seed=2, **few)]))
+    assert cell.bias == pytest.approx(1e-3) and cell.p95 == pytest.approx(0.1 * 1e-1 + 0.9 * 1e-3)
+    assert cell.rmse == pytest.approx((0.1 * 4e-4 + 0.9 * 1e-6) ** 0.5)
+    assert cell.bound_kind == "bayes", "the weakest of the seeds', as in summary.csv"
+
+
+def test_a_bias_that_seeds_show_together_blanks_the_pooled_efficiency() -> None:
+    rows = [made_up.score_row(seed=seed, n=30, bias=4e-4, rmse=1e-3) for seed in range(10)]
+    assert cells_of(pd.DataFrame(rows))[0].efficiency != cells_of(pd.DataFrame(rows))[0].efficiency
+    assert cells_of(pd.DataFrame(rows[:1]))[0].efficiency == pytest.approx(0.36)
+
+
+def test_the_table_of_the_readme_pools_all_scenes_or_none(tmp_path: Path) -> None:
+    path = Path(__file__).parents[1] / "docs" / "pictures.py"
+    spec = importlib.util.spec_from_file_location("readme_pictures", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    figures = {"all": (0.5, 0.25), "one": (0.5, np.nan)}
+    rows = [
+        made_up.score_row(estimator=name, scene=scene, efficiency=value)
+        for name, values in figures.items()
+        for scene, value in zip("xy", values, strict=True)
+    ]
+    pd.DataFrame(rows).to_csv(tmp_path / "scores.csv", index=False)
+    lines = {line.split("`")[1]: line for line in module.table(tmp_path).splitlines() if "`" in line}
+    assert " | 0.33 | " in lines["all"], "1/efficiency is a mean square: 2 and 4 make 3"
+    assert " | – | " in lines["one"]
 
 
 def test_refusing_does_not_pay() -> None:

@@ -9,6 +9,7 @@ knows the whole number of cycles, which an estimator must find.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ from ...scenes.declare import group_index
 from ...scenes.rig_amcw import AmcwRig
 from ...scenes.scene import amcw_rig
 from ..score import Bound
-from .instrument import true_scene
+from .instrument import bounded, true_scene, unbounded
 from .waveform import profiled_sigma
 
 __all__ = ["amcw_bound", "amcw_noise", "background_of"]
@@ -34,20 +35,21 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated AMCW capture.
 
     `response_m` is the standard deviation of half the shortest modulation wavelength, λ_m/(2√12): an answer that is
-    wrong by a cycle counts as failed. `kind` is "exact", or "quasi" where the power fluctuates per shot. Raises
-    InputError where the capture lacks its true scene.
+    wrong by a cycle counts as failed. `kind` is "exact", or "quasi" where the power fluctuates per shot; "none" without
+    true scene and amplitude, with scales from the declared rig. Raises InputError for a true scene that is none, or a rig
+    that does not declare what is needed.
     """
+    if not bounded(capture, "truth_amplitude"):
+        return unbounded(capture, _declared_scales)
     scene = true_scene(capture)
     rig = amcw_rig(scene)
     detector = rig.detector
     index = group_index(scene.medium, rig.laser.wavelength_m)
     half = C_M_PER_S / (2.0 * index)
     frequency = np.asarray(rig.modulation.frequencies_hz, np.float64)
-    response_m = float(modulation_wavelength(frequency.max(), index)) / (2.0 * math.sqrt(12.0))
+    response_m = _response_m(frequency, index)
     window_m = rig.range_window_m[1] - rig.range_window_m[0]
     truth = np.asarray(capture["truth_range"].values, np.float64)
-    if "truth_amplitude" not in capture:
-        return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
     background = background_of(capture, rig)
     depth = 0.5 * rig.laser.modulation_depth * detector.demodulation_contrast * amplitude
@@ -60,6 +62,17 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     sigma = profiled_sigma(information, gradient)
     kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
     return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, response_m, window_m)
+
+
+def _response_m(frequency: Float, index: float) -> float:
+    return float(modulation_wavelength(frequency.max(), index)) / (2.0 * math.sqrt(12.0))
+
+
+def _declared_scales(rig: dict[str, Any]) -> tuple[float, float]:
+    """(response_m, window_m) of the declared modulation and range window."""
+    frequency = np.asarray(rig["modulation"]["frequencies_hz"], np.float64)
+    near, far = (float(value) for value in rig["range_window_m"])
+    return _response_m(frequency, float(rig["medium"]["group_index"])), far - near
 
 
 def amcw_noise(rig: AmcwRig) -> NoiseModel:

@@ -31,14 +31,17 @@ from ...scenes.rig import GatedRig
 from ...scenes.scene import gated_rig
 from ..score import Bound
 from .instrument import (
+    bounded,
     gate_offsets,
     gated_responses,
     halo_of,
     noise_model,
     path_delay,
     response_std_s,
+    samples_variance_s2,
     true_delay,
     true_scene,
+    unbounded,
 )
 
 __all__ = ["gated_bound"]
@@ -52,13 +55,19 @@ _RTOL = 3e-6
 def gated_bound(capture: xr.Dataset) -> Bound:
     """The bound of every pixel of a generated capture (with its truth).
 
-    `kind` is "exact", or "quasi" where the generator draws something that the likelihood above does not hold: pulse
-    energy or delay that fluctuate per slice, correlated noise of a phosphor, averaged counts. Fixed patterns (PRNU,
-    DSNU) are per-pixel constants and part of the profiled amplitude and background.
+    `kind` is "exact", or "quasi" where the capture holds something that the likelihood above does not: pulse energy or
+    delay that fluctuate per slice, correlated noise of a phosphor, averaged counts, a lens or lamp of finite size, a rig
+    that moves, a screen. Fixed patterns (PRNU, DSNU) are per-pixel constants and part of the profiled amplitude and
+    background.
+
+    A capture without its true scene, amplitude or background (surveyed, or measured by a reference instrument) has no
+    bound: `kind` is "none", and the scales come from the rig as declared.
 
     Raises:
-        InputError: the capture lacks its true scene. Without `truth_amplitude` all bounds are NaN and `kind` is "none".
+        InputError: a true scene that is none, or a declared rig without pulse, gates or medium where it is needed.
     """
+    if not bounded(capture, "truth_amplitude", "truth_background"):
+        return unbounded(capture, lambda rig: _declared_scales(capture, rig))
     scene = true_scene(capture)
     rig = gated_rig(scene)
     tables = gated_responses(rig, _RTOL)
@@ -67,12 +76,23 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     sigma_r = response_std_s(tables)
     delay = np.asarray(capture["delay"].values, np.float64)
     response_m = half * sigma_r
-    window_m = half * float(delay.max() - delay.min()) + math.sqrt(12.0) * response_m
+    window_m = _window(delay, half, response_m)
     truth = np.asarray(capture["truth_range"].values, np.float64)
-    if "truth_amplitude" not in capture or "truth_background" not in capture:
-        return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
     sigma = _sigma(capture, truth, rig, tables, n_g)
     return Bound(sigma, _kind(capture, rig), response_m, window_m)
+
+
+def _window(delay: Float, half: float, response_m: float) -> float:
+    return half * float(delay.max() - delay.min()) + math.sqrt(12.0) * response_m
+
+
+def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
+    """(response_m, window_m) of the declared samples, each read with straight lines: R's variance is the sum of theirs."""
+    half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
+    jitter = float(rig["laser"]["jitter_shot_s"])
+    pulse = samples_variance_s2(rig["pulse"]) + jitter**2
+    response_m = half * math.sqrt(max(pulse + samples_variance_s2(gate) for gate in rig["gates"]))
+    return response_m, _window(np.asarray(capture["delay"].values, np.float64), half, response_m)
 
 
 def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
@@ -82,6 +102,9 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
         rig.laser.jitter_frame_s > 0,
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
+        # The mean above is that of a still rig of points that sees past no screen.
+        rig.camera.focus_distance_m is not None or rig.laser.source_radius_m > 0.0,
+        rig.motion_m_per_s is not None or rig.screen is not None,
     )
     return "quasi" if any(outside) else "exact"
 

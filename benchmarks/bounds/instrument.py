@@ -1,12 +1,15 @@
 """What the bounds read of a generated gated capture: its true scene, responses, noise, delays and paths.
 
-Bounds are those of the scene as it truly is, not as it is declared.
+Bounds are those of the scene as it truly is, not as it is declared. A capture that was recorded has no such scene: it has
+no bound either, and the scales of failure and prior come from the rig as declared (`unbounded`).
 """
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +22,13 @@ from ...scenes.declare import optics_gate, optics_pulse
 from ...scenes.errors import InputError
 from ...scenes.load import validate_spec
 from ...scenes.rig import GatedRig
+from ...scenes.sampling import response_table
 from ...scenes.scene import Scene
+from ..score import Bound
 
 __all__ = [
-    "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay", "response_centroid_s",
-    "response_std_s", "true_delay", "true_scene",
+    "bounded", "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay",
+    "response_centroid_s", "response_std_s", "samples_variance_s2", "true_delay", "true_scene", "unbounded",
 ]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
@@ -37,12 +42,52 @@ def true_scene(capture: xr.Dataset) -> Scene:
     return validate_spec(Scene, json.loads(text), "truth_scene")
 
 
+def bounded(capture: xr.Dataset, *truth: str) -> bool:
+    """Whether a capture tells what its bound is made of: the true scene, and the truth named."""
+    return isinstance(capture.attrs.get("truth_scene"), str) and all(name in capture for name in truth)
+
+
+def _declared(capture: xr.Dataset) -> dict[str, Any]:
+    """The rig as declared. Raises InputError where it is no table of values."""
+    text = capture.attrs.get("rig")
+    try:
+        rig = json.loads(text) if isinstance(text, str) else None
+    except ValueError:
+        rig = None
+    if not isinstance(rig, dict):
+        raise InputError("The capture does not declare its instrument.", where="attribute rig", value=text)
+    return rig
+
+
+def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[float, float]]) -> Bound:
+    """The `Bound` of a capture that asserts none: kind "none", NaN for every element.
+
+    Main arguments:
+        scales: declared rig -> (response_m, window_m). Raises InputError where the rig declares less than that takes.
+    """
+    rig = _declared(capture)
+    try:
+        response_m, window_m = scales(rig)
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InputError(
+            "The declared rig does not tell the scale of failure.", where="attribute rig",
+            value=f"{type(error).__name__}: {error}",
+            next_step="declare pulse, gates and medium as `beambench generate` does",
+        ) from error  # fmt: skip
+    if not (math.isfinite(response_m) and response_m > 0 and math.isfinite(window_m) and window_m > 0):
+        raise InputError(
+            "The declared rig has no scale of failure.", where="attribute rig", value=(response_m, window_m),
+            allowed="a response and a range window above 0 m",
+        )  # fmt: skip
+    return Bound(np.full(capture["truth_range"].shape, np.nan), "none", response_m, window_m)
+
+
 def gated_responses(rig: GatedRig, rtol: float) -> list[correlation.Table]:
     """R(u) of every gate from its closed form, jitter per shot included; `rtol` of R's peak."""
     pulse = optics_pulse(rig.laser.pulse)
     if rig.laser.jitter_shot_s > 0:
         pulse = waveforms.broadened(pulse, rig.laser.jitter_shot_s)
-    return [correlation.tabulate(pulse, optics_gate(gate), rtol) for gate in rig.gates]
+    return [response_table(pulse, optics_gate(gate), rtol, f"rig.gates.{i}") for i, gate in enumerate(rig.gates)]
 
 
 def response_std_s(tables: list[correlation.Table]) -> float:
@@ -54,6 +99,14 @@ def response_std_s(tables: list[correlation.Table]) -> float:
         mean = float((weight * u).sum())
         widths.append(math.sqrt(float((weight * (u - mean) ** 2).sum())))
     return max(widths)
+
+
+def samples_variance_s2(samples: Mapping[str, Any]) -> float:
+    """Variance [s²] of a declared waveform as a density: samples a step apart, straight lines between them (step²/6)."""
+    value, step = np.asarray(samples["value"], np.float64), float(samples["step_s"])
+    t = step * np.arange(value.size)
+    mean = float((value * t).sum() / value.sum())
+    return float((value * (t - mean) ** 2).sum() / value.sum()) + step**2 / 6.0
 
 
 def response_centroid_s(table: correlation.Table) -> float:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +28,7 @@ from ...scenes.declare_waveform import shown_pulse
 from ...scenes.rig_waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
 from ...scenes.scene import waveform_rig
 from ..score import Bound
-from .instrument import response_std_s, true_scene
+from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 
 __all__ = ["analog_noise", "profiled_sigma", "waveform_bound"]
 
@@ -68,7 +69,10 @@ def profiled_sigma(information: Float, gradient: Float) -> Float:
 
 def waveform_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated waveform capture. `kind` is "exact", or "quasi" where energy or timing
-    fluctuate per shot. Raises InputError where the capture lacks its true scene."""
+    fluctuate per shot. Without true scene, amplitude and background it is "none", with scales from the declared rig.
+    Raises InputError for a true scene that is none, or a rig that does not declare what is needed."""
+    if not bounded(capture, "truth_amplitude", "truth_background"):
+        return unbounded(capture, lambda rig: _declared_scales(capture, rig))
     scene = true_scene(capture)
     rig = waveform_rig(scene)
     pulse, delay = shown_pulse(rig)
@@ -79,8 +83,6 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     response_m = half * response_std_s([table])
     window_m = half * (float(time[-1] - time[0]) + step)
     truth = np.asarray(capture["truth_range"].values, np.float64)
-    if "truth_amplitude" not in capture or "truth_background" not in capture:
-        return Bound(np.full(truth.shape, np.nan), "none", response_m, window_m)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
     background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
     u = (truth / half + delay)[:, None] - time + 0.5 * step
@@ -91,6 +93,15 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     sigma = profiled_sigma(_information(rig, mean), gradient)
     kind = "quasi" if rig.laser.energy_fluctuation > 0 or rig.laser.jitter_shot_s > 0 else "exact"
     return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, response_m, window_m)
+
+
+def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
+    """(response_m, window_m) of the declared response, seen through one sampling interval."""
+    half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
+    step = float(rig["record"]["step_s"])
+    time = np.asarray(capture["time"].values, np.float64)
+    response_m = half * math.sqrt(samples_variance_s2(rig["response"]) + step**2 / 12.0)
+    return response_m, half * (float(time[-1] - time[0]) + step)
 
 
 def _share(table: Table, u: Float) -> tuple[Float, Float]:

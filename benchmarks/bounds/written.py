@@ -39,7 +39,7 @@ def drawn_counts(mean: Float, noise: NoiseModel, rng: np.random.Generator) -> np
     electrons = np.minimum(electrons, noise.full_well_e)
     if noise.read_noise_e > 0:
         electrons += noise.read_noise_e * rng.standard_normal(mean.shape)
-    dn = np.rint(electrons * noise.gain_dn_per_e + noise.offset_dn)
+    dn = np.floor(electrons * noise.gain_dn_per_e + noise.offset_dn + 0.5)
     return np.clip(dn, 0, noise.adc_max_dn).astype(np.uint16)
 
 

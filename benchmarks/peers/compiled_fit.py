@@ -33,7 +33,7 @@ Fit = Callable[[GaussianRig, Float, Float], tuple[Float, float]]
 
 def _minpack(rig: GaussianRig, data: Float, start: Float) -> tuple[Float, float]:
     """τ [ns] of every row of data (pixel, slice) by lmder, and CPU seconds per pixel."""
-    from cminpack_numba import CminpackSignature, lmder, lmder_sig  # type: ignore[import-not-found]
+    from cminpack_numba import CminpackSignature, lmder, lmder_sig  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
     n = rig.slices
     # udata: σ, height, slices; then delay + centre, count, 1/σ_y of every slice.

@@ -7,7 +7,7 @@ from typing import Any
 __all__ = ["chart_svgs"]
 
 #: Okabe and Ito (2008): told apart by the colour-blind.
-_COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"]
+_COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"]
 _WIDTH, _HEIGHT = 430, 260
 
 
@@ -95,8 +95,9 @@ def _figure_7() -> Any:
 
     points = figure_7_points()
     x = alt.X("angle:Q", title="angle of incidence, degrees")
-    y = alt.Y("deviation:Q", title="deviation from 5 m, mm (symlog)", scale=alt.Scale(type="symlog", constant=1, domain=[-2, 6000]),
-              axis=alt.Axis(values=[0, 1, 10, 100, 1000, 5000]))  # fmt: skip
+    scale = alt.Scale(type="symlog", constant=1, domain=[-300, 6000])
+    y = alt.Y("deviation:Q", title="deviation from 5 m, mm (symlog)", scale=scale,
+              axis=alt.Axis(values=[-100, -10, 0, 10, 100, 1000, 5000]))  # fmt: skip
     colour = _colour("kind", points)
     line = _data(points).mark_line(strokeWidth=1.2, opacity=0.6).encode(x=x, y=y, color=colour)
     return alt.layer(line, _data(points).mark_point(filled=True, size=60, opacity=1).encode(x=x, y=y, color=colour))
@@ -109,9 +110,9 @@ def _table_1() -> Any:
 
     points = table_1_points()
     y = alt.Y("reading:N", title=None, sort=None, axis=alt.Axis(labelLimit=260))
-    scale = alt.Scale(type="symlog", constant=1, domain=[0, 80])
+    scale = alt.Scale(type="symlog", constant=1, domain=[0, 160])
     x = alt.X("low:Q", title="|depth error|, % of the depth (symlog)", scale=scale,
-              axis=alt.Axis(values=[0, 1, 2, 5, 10, 20, 50]))  # fmt: skip
+              axis=alt.Axis(values=[0, 1, 2, 5, 10, 20, 50, 100]))  # fmt: skip
     parts = []
     for name in ("Object 1", "Object 2"):
         mine = _data([p for p in points if p["object"] == name])
@@ -119,7 +120,7 @@ def _table_1() -> Any:
         middle = mine.mark_tick(color=_COLOURS[0], thickness=2.5, height=13).encode(x="median:Q", y=y)
         printed = mine.mark_point(filled=True, color=_COLOURS[1], shape="diamond", size=80, opacity=1)
         chart = alt.layer(bars, middle, printed.encode(x="published:Q", y=y))
-        parts.append(chart.properties(width=_WIDTH, height=150, title=name))
+        parts.append(chart.properties(width=_WIDTH, height=190, title=name))
     return alt.vconcat(*parts)
 
 

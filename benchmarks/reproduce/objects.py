@@ -23,6 +23,7 @@ from ...scenes.declare import optics_gate
 from ...scenes.load import load_scene
 from ...scenes.scene import Scene, gated_rig
 from .accuracy import DEPTHS_M
+from .table_1 import PUBLISHED
 
 __all__ = [
     "CORNER_RAD", "ObjectPair", "Reading", "depth_of", "fitted_level", "mean_shift", "objects", "printed_average",
@@ -73,7 +74,7 @@ def objects() -> ObjectPair:
     """Generate the four captures (once a process). The level is fitted on Object 1 and used for both."""
     clean = tuple(generate(_scene(n), seed=SEED, truth_electrons=True) for n in (1, 2))
     rig = gated_rig(_scene(1))
-    level = fitted_level(clean[0], DEPTHS_M[0], 0.1265)
+    level = fitted_level(clean[0], DEPTHS_M[0], PUBLISHED["weighted average"][0] / 100.0)
     open_s = gate_area(optics_gate(rig.gates[0])) * rig.pulses_per_slice
     ambient = rig.ambient_e_per_s + level / open_s
     raised = tuple(generate(_scene(n, **{"rig.ambient_e_per_s": ambient}), seed=SEED) for n in (1, 2))

@@ -16,10 +16,12 @@ MEANINGS = {
     "arithmetic": "follows by calculation alone from what is printed, and agrees",
     "predicted": "a model that was not fitted to the number gives it within the tolerance, and could have failed",
     "fitted": "a parameter was chosen to give the number: no evidence",
-    "by-construction": "we put it in ourselves: no evidence",
-    "trend": "no number is printed; the stated direction is found",
-    "undetermined": "the document leaves so much open that agreement and disagreement would both be possible",
-    "contradicted": "does not follow from the document's own equations or data, or a calculation gives something else",
+    "by-construction": "we put it in ourselves, and nothing is printed to compare it with: no evidence",
+    "trend": "no number is printed; the stated direction is found for every plausible value of what is left to us",
+    "undetermined": "the document leaves so much open that agreement and disagreement would both be possible; or what we "
+    "find hangs on a choice of ours",
+    "contradicted": "does not follow from the document's own equations or data, or a calculation gives something else; of a "
+    "reading: not under that reading",
 }
 assert tuple(MEANINGS) == VERDICTS
 
@@ -28,7 +30,7 @@ _CAPTIONS = {
     "Figure 3": "Bars: one experiment of 30 measurements. Red: expected from the noise.",
     "Figure 4": "Dots: 30 measurements each. Lines: expected from the noise. Legend: reflectivity.",
     "Figure 6": "Light on a flat wall against the radius in the image.",
-    "Figure 7": "Mean of 30 measurements by weighted average, in three experiments that may be the figure's.",
+    "Figure 7": "Mean of 30 measurements by weighted average, in five experiments that may be the figure's.",
     "Table 1": "Diamonds: published. Bars: what a reading predicts over rigs that the document does not exclude; tick: median.",
 }
 

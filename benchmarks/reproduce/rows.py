@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
-__all__ = ["COLUMNS", "DOCUMENT", "VERDICTS", "Row", "Verdict", "judge_band", "judge_exact", "judge_trend"]
+__all__ = [
+    "COLUMNS", "DOCUMENT", "DOCUMENTS", "VERDICTS", "Row", "Verdict", "judge_band", "judge_exact", "judge_settings",
+    "judge_trend",
+]  # fmt: skip
 
 #: Guo et al., "Investigate target reflection and illumination sensitivity in range gated detection".
 DOCUMENT = "000"
+#: What the column `document` may hold. A number of another source stands under the one it belongs to, source in `item`.
+DOCUMENTS = ("000", "001")
 
 Verdict = Literal[
     "arithmetic", "predicted", "fitted", "by-construction", "trend", "undetermined", "contradicted"
@@ -22,7 +28,11 @@ class Row:
     """One quantity of one item: what is printed, what we get, and what that means.
 
     `published` is NaN where the document prints no number. `tolerance` is absolute, in `unit`, NaN where none applies.
-    `free_parameters` names what was adjusted to get the value ("" for nothing).
+    `free_parameters` names what was adjusted, or chosen by us, to get the value ("" for nothing).
+
+    Raises ValueError where the verdict says more than the numbers can: "arithmetic" and "predicted" agree with something,
+    so they need a published number and a tolerance; "by-construction" compares with nothing, so it has neither; "fitted"
+    and "by-construction" name what was put in.
     """
 
     item: str
@@ -39,8 +49,16 @@ class Row:
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
             raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not {self.verdict!r}")
-        if self.verdict == "fitted" and not self.free_parameters:
-            raise ValueError(f"{self.item}, {self.quantity}: a fitted value names its free parameters")
+        name = f"{self.item}, {self.quantity}"
+        if self.document not in DOCUMENTS:
+            raise ValueError(f"{name}: document must be one of {', '.join(DOCUMENTS)}, not {self.document!r}")
+        compared = math.isfinite(self.published) and math.isfinite(self.tolerance)
+        if self.verdict in ("arithmetic", "predicted") and not compared:
+            raise ValueError(f"{name}: {self.verdict} agrees with a published number, within a tolerance")
+        if self.verdict == "by-construction" and not (math.isnan(self.published) and math.isnan(self.tolerance)):
+            raise ValueError(f"{name}: what is put in by us has no published number to agree with")
+        if self.verdict in ("fitted", "by-construction") and not self.free_parameters:
+            raise ValueError(f"{name}: a {self.verdict} value names its free parameters")
 
 
 COLUMNS = (
@@ -66,6 +84,18 @@ def judge_band(published: float, low: float, high: float, tolerance: float) -> V
     if published < low - tolerance or published > high + tolerance:
         return "contradicted"
     return "predicted" if high - low <= 2.0 * tolerance else "undetermined"
+
+
+def judge_settings(outcomes: Iterable[bool]) -> Verdict:
+    """Verdict on a stated direction, checked once for each plausible value of what the document leaves to us.
+
+    "trend" where all settings show it, "contradicted" where none does, "undetermined" where it hangs on the setting.
+    Raises ValueError for no outcome at all.
+    """
+    found = set(map(bool, outcomes))
+    if not found:
+        raise ValueError("a verdict over settings needs at least one outcome")
+    return "undetermined" if len(found) == 2 else "trend" if True in found else "contradicted"
 
 
 def judge_trend(*agrees: bool) -> Verdict:

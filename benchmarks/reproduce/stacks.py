@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ...optics.constants import C_M_PER_S
 
-__all__ = ["Rig", "cubic_average", "depth", "fitted_offset", "plausible_rigs", "slices", "weighted_average"]
+__all__ = [
+    "Rig", "cubic_average", "delays", "depth", "fitted_offset", "plausible_rigs", "sigma_m", "slices", "weighted_average",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -38,13 +40,15 @@ class Rig:
     weaker: float
 
 
-def plausible_rigs(sigma_times_step_s2: float, deepest_m: float) -> list[Rig]:
+def plausible_rigs(
+    sigma_times_step_s2: float, deepest_m: float, far_sigmas: tuple[float, ...] = (3.0, 5.0)
+) -> list[Rig]:
     """Rigs that keep to σ·t_step of the set-up and to the text (Object 2 is the less reflective one)."""
     rigs = []
     for sigma in (0.9e-9, 1.8e-9, 3.0e-9):
         for background in (3.0, 5.0, 10.0):
             for near in (3.0, 5.0):
-                for far in (3.0, 5.0):
+                for far in far_sigmas:
                     for wall in (0.5, 1.0, 2.0):
                         for weaker in (0.3, 0.5, 0.7, 0.9):
                             if background - deepest_m - near * sigma * 0.5 * C_M_PER_S > 0.0:
@@ -53,13 +57,23 @@ def plausible_rigs(sigma_times_step_s2: float, deepest_m: float) -> list[Rig]:
     return rigs
 
 
+def sigma_m(rig: Rig) -> float:
+    """σ of the response as a range, m."""
+    return 0.5 * C_M_PER_S * rig.sigma_s
+
+
+def delays(rig: Rig, deepest_m: float) -> Array:
+    """Ranges of the slices, m."""
+    step_m = 0.5 * C_M_PER_S * rig.step_s
+    low = rig.background_m - deepest_m - rig.near_sigmas * sigma_m(rig)
+    high = rig.background_m + rig.far_sigmas * sigma_m(rig)
+    return np.arange(low, high + 0.5 * step_m, step_m)
+
+
 def slices(rig: Rig, range_m: float, signal: float, deepest_m: float) -> tuple[Array, Array]:
     """(ranges of the slices in m, intensities): a Gaussian response about `range_m`, peak `signal`."""
-    sigma_m, step_m = 0.5 * C_M_PER_S * rig.sigma_s, 0.5 * C_M_PER_S * rig.step_s
-    low = rig.background_m - deepest_m - rig.near_sigmas * sigma_m
-    high = rig.background_m + rig.far_sigmas * sigma_m
-    r = np.arange(low, high + 0.5 * step_m, step_m)
-    return r, signal * np.exp(-0.5 * ((r - range_m) / sigma_m) ** 2)
+    r = delays(rig, deepest_m)
+    return r, signal * np.exp(-0.5 * ((r - range_m) / sigma_m(rig)) ** 2)
 
 
 def _kept(intensity: Array, threshold: float) -> Array:

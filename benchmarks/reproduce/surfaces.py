@@ -6,13 +6,16 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...optics.brdf_chua import FIGURE_2_SURFACES, chua_printed
-from .rows import Row, judge_trend
+from .rows import Row, judge_settings
 
 __all__ = ["figure_2_curves", "figure_2_rows", "peak_angle"]
 
 _ANGLES_DEG = np.arange(0.0, 90.0, 1.0)
+#: Slopes for which the statement is tried: the text gives none, and bounds none.
+SLOPES = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
 def peak_angle(slope: float) -> float:
@@ -21,6 +24,10 @@ def peak_angle(slope: float) -> float:
     With u = tan²θ the term is (1 + u)³ exp(−u/s²), whose logarithm has the slope 3/(1 + u) − 1/s².
     """
     return math.atan(math.sqrt(max(3.0 * slope**2 - 1.0, 0.0)))
+
+
+def _falls(value: NDArray[np.float64]) -> bool:
+    return int(np.argmax(value)) == 0 and bool(np.all(np.diff(value) <= 0.0))  # a narrow lobe reaches 0 before 90°
 
 
 def figure_2_curves() -> list[dict[str, Any]]:
@@ -38,19 +45,22 @@ def figure_2_rows() -> list[Row]:
     cos = np.cos(np.radians(_ANGLES_DEG))
     rows = []
     for name, surface in FIGURE_2_SURFACES.items():
-        value = chua_printed(cos, **surface)
-        half = float(np.interp(-0.5, -value, _ANGLES_DEG))
-        falls = bool(np.all(np.diff(value) <= 0.0))  # a narrow lobe reaches 0 before 90°
+        half = float(np.interp(-0.5, -chua_printed(cos, **surface), _ANGLES_DEG))
+        falls = {slope: _falls(chua_printed(cos, **(surface | {"slope": slope})))
+                 for slope in (surface["slope"], *SLOPES)}  # fmt: skip
+        rising = [f"{slope:g}" for slope, fall in falls.items() if not fall]
         rows.append(
             Row("Figure 2", f"angle at which Eq. 4 has fallen to half, {name}", "deg", math.nan, half, math.nan,
-                judge_trend(falls, int(np.argmax(value)) == 0),
-                f"greatest at θ = 0 and falling, as the text says; K_S/K_D = {surface['k_s']:g}/{surface['k_d']:g}, "
-                f"s = {surface['slope']:g}, m = {surface['diffusivity']:g} are ours: the text prints none")
+                judge_settings(falls.values()),
+                f"s = {surface['slope']:g}: greatest at θ = 0 and falling, as the text says"
+                f"{'; not so for s = ' + ', '.join(rising) if rising else ', whatever the slope'}. "
+                f"K_S/K_D = {surface['k_s']:g}/{surface['k_d']:g} and m = {surface['diffusivity']:g} are ours: the text prints "
+                "none", "K_S/K_D; s; m")
         )  # fmt: skip
     rows.append(
         Row("Figure 2", "slope s up to which the specular term is greatest at θ = 0", "1", math.nan,
             1.0 / math.sqrt(3.0), math.nan, "undetermined",
             "«the amplitude is maximum at θ = 0» is no property of Eq. 4: beyond s = 1/√3 its factor 1/cos⁶θ wins, "
-            f"e.g. the peak lies at {math.degrees(peak_angle(0.7)):.0f}° for s = .7; the document gives no s")
+            f"e.g. the peak lies at {math.degrees(peak_angle(0.7)):.0f}° for s = .7; the document gives no s", "s")
     )  # fmt: skip
     return rows

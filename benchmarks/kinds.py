@@ -1,0 +1,145 @@
+"""What each verb leaves in its folder: the mark by which the folder is known, and the files that are the verb's own."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = ["BREAK", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A verb's output.
+
+    Main arguments:
+        verb: its name. owned: patterns of the files that it writes, relative to the folder; no others are ever replaced.
+        kept: whether a folder holds finished work, so that it stays when the verb is interrupted.
+    Other arguments:
+        resumes: the verb can go on with it. whole: the result appears only when it is complete.
+        note: what to do with work that is kept and cannot be gone on with.
+        named: more files of a folder's own, which its mark lists.
+    """
+
+    verb: str
+    owned: tuple[str, ...]
+    kept: Callable[[Path], bool]
+    resumes: bool = False
+    whole: bool = False
+    note: str = ""
+    named: Callable[[Path], list[str]] | None = None
+
+    def files(self, folder: Path) -> list[Path]:
+        """The verb's own files and stores that are in the folder, and what a crash left of them half written.
+
+        A part of the folder that is a link leads elsewhere: what lies there is not touched.
+        """
+        names = (*self.owned, *(self.named(folder) if self.named is not None else ()))
+        patterns = [pattern for name in names for pattern in (name, f"{name}.partial")]
+        found = {path: None for pattern in patterns for path in sorted(folder.glob(pattern))}
+        return [path for path in found if path.parent == folder or not path.parent.is_symlink()]
+
+
+def slug(name: str) -> str:
+    """A name as a part of a file name: letters, digits, dot, dash and underscore."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The JSON object of a file (of the first line of a .jsonl), {} where there is none."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            value = json.loads(file.readline() if path.suffix == ".jsonl" else file.read())
+    except (OSError, ValueError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _begins(path: Path, text: str) -> bool:
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(text)) == text.encode()
+    except OSError:
+        return False
+
+
+def verb_in(folder: Path) -> str:
+    """The verb whose output a folder holds, "" where it holds none of ours."""
+    run, journal = _read(folder / "run.json"), _read(folder / "journal.jsonl")
+    for record in (run, journal):
+        if isinstance(record.get("verb"), str):
+            return str(record["verb"])
+    if "suite_hash" in journal or {"hash", "tables_version"} <= set(run):
+        return "sweep" if "budget" in run or (folder / "breakdown.csv").exists() else "run"
+    if {"neighbours", "judged"} <= set(run) or _begins(folder / "search.csv", "scene,levels,badness\n"):
+        return "break"
+    if isinstance(_read(folder / "estimates.json").get("estimators"), list):
+        return "estimate"
+    if _begins(folder / "scores.csv", "suite,scene,stress,level,"):
+        return "score"
+    if _begins(folder / "reproduction.csv", "document,item,quantity,"):
+        return "reproduce"
+    if _begins(folder / "fidelity.csv", "modality,scene,rung,"):
+        return "fidelity"
+    return ""
+
+
+def _files_of_labels(folder: Path) -> list[str]:
+    labels = _read(folder / "estimates.json").get("estimators")
+    return [f"{slug(label)}.h5" for label in labels if isinstance(label, str)] if isinstance(labels, list) else []
+
+
+def _measured(folder: Path) -> bool:
+    """Whether a journal holds more than its header, or captures are complete."""
+    return _lines(folder / "journal.jsonl") > 1 or any(folder.glob("captures/*.zarr"))
+
+
+def _lines(path: Path) -> int:
+    try:
+        with open(path, "rb") as file:
+            return sum(1 for _ in file)
+    except OSError:
+        return 0
+
+
+def _never(folder: Path) -> bool:
+    return False
+
+
+_TABLES = (
+    "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "ranking.csv", "pairs.csv", "profiles.csv",
+    "report.html", "speed-accuracy.png", "speed-accuracy.svg",
+)  # fmt: skip
+_OF_A_SUITE = (
+    *_TABLES, "run.json", "journal.jsonl", "costs.csv", "errors_by_tile.npz", "captures/*.zarr", "pictures/*__*.npz",
+    "breakdown.csv", "failure_map.csv", "maps/*.svg", "maps/*.png",
+)  # fmt: skip
+
+RUN = Kind("run", _OF_A_SUITE, _measured, resumes=True)
+SWEEP = Kind("sweep", _OF_A_SUITE, _measured, resumes=True)
+ESTIMATE = Kind(
+    "estimate", ("estimates.json",), lambda folder: any(folder.glob("*.h5")), resumes=True, named=_files_of_labels
+)
+SCORE = Kind("score", _TABLES, _never, whole=True)
+REPRODUCE = Kind(
+    "reproduce",
+    ("reproduction.csv", "reproduction.parquet", "reproduction.html", "run.json", "pictures/*.png"),
+    _never,
+    whole=True,
+)
+BREAK = Kind(
+    "break",
+    ("break-*.toml", "search.csv", "run.json"),
+    lambda folder: _lines(folder / "search.csv") > 1,
+    note="search.csv lists what was judged",
+)
+FIDELITY = Kind(
+    "fidelity",
+    ("fidelity.csv", "policies.csv", "fidelity.json", "fidelity.svg", "fidelity-scenes.json"),
+    lambda folder: (folder / "fidelity.csv").is_file(),
+    resumes=True,
+)

@@ -1,0 +1,217 @@
+"""Files of estimates and exports: whole or absent on a full disk, tied to their captures, and no crash on odd content."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import beambench
+from beambench import InputError, cli
+from beambench.captures import open_captures, write
+from beambench.captures.example import example_capture
+from beambench.estimates import Estimates, read_estimates, write_estimates
+from beambench.hdf5_file import hdf5_output
+
+COUNT, SHAPE = 2, (6, 5)
+
+
+def estimates(**changes: Any) -> Estimates:
+    one = {"range": np.ones(SHAPE), "sigma": np.ones(SHAPE), "valid": np.ones(SHAPE, bool)}
+    values: dict[str, Any] = {
+        "label": "peak", "modality": "gated", "arrays": [one, one], "cpu_s": [0.1] * 2, "wall_s": [0.1] * 2,
+        "peak_bytes": [1.0] * 2, "status": ["ok"] * 2, "captures_sha256": "ab" * 32,
+    }  # fmt: skip
+    return Estimates(**(values | changes))
+
+
+# ---------------------------------------------------------------- full disks
+
+#: A limit on the size of a file refuses its blocks as a full disk does, and needs no root. HDF5 that cannot write on
+#: closing ends the process with SIGSEGV when it tries again at its end, so that only a process of its own shows it.
+LIMITED = """
+import resource, sys
+import numpy as np
+from pathlib import Path
+from beambench import cli
+from beambench.scenes.errors import InputError
+from beambench.estimates import Estimates, write_estimates
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+if sys.argv[2] == "export":
+    sys.exit(cli.main(["export", sys.argv[3], "-o", sys.argv[4]]))
+rng = np.random.default_rng(1)
+one = {"range": rng.random((90, 90)), "sigma": rng.random((90, 90)), "valid": np.ones((90, 90), bool)}
+try:
+    write_estimates(Path(sys.argv[4]), Estimates("peak", "gated", [one], [0.0], [0.0], [0.0], ["ok"]))
+except InputError as error:
+    sys.exit(f"error: {error}")
+"""
+
+
+@pytest.mark.parametrize("what", ["export", "estimates"])
+@pytest.mark.parametrize("limit", [100, 20_000])
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, what: str, limit: int) -> None:
+    store = write(tmp_path / "store", example_capture("gated", sizes={"slice": 8, "row": 60, "col": 60}))
+    (tmp_path / "disk").mkdir()
+    out = tmp_path / "disk" / "out.h5"
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(limit), what, str(store), str(out)], capture_output=True, text=True
+    )
+    assert done.returncode == (2 if what == "export" else 1), done.stderr
+    assert "File too large" in done.stderr and "Traceback" not in done.stderr
+    assert list((tmp_path / "disk").iterdir()) == []
+
+
+def test_the_earlier_file_stays_where_the_new_one_fails(tmp_path: Path) -> None:
+    out = tmp_path / "peak.h5"
+    write_estimates(out, estimates())
+    before = out.read_bytes()
+    with pytest.raises(RuntimeError), hdf5_output(out) as output:
+        output.h5["x"] = np.zeros(3)
+        raise RuntimeError
+    assert out.read_bytes() == before and list(tmp_path.iterdir()) == [out]
+    with pytest.raises(InputError, match="writing the file failed"):
+        write_estimates(tmp_path / "none" / "x.h5", estimates())
+
+
+def test_blocks_that_were_refused_are_read_back() -> None:
+    """After the first refusal the sink still answers HDF5 with what was written, so that it can close."""
+    import io
+
+    from beambench.hdf5_file import _Sink
+
+    with open("/dev/full", "rb+", buffering=0) as full:
+        assert isinstance(full, io.FileIO)
+        sink = _Sink(full)
+        sink.seek(10)
+        assert sink.write(b"abcdef") == 6 and sink.error is not None
+        sink.seek(12)
+        sink.write(b"XY")
+        sink.seek(8)
+        found = bytearray(8)
+        assert sink.readinto(found) == 8 and found[2:] == b"abXYef" and sink.seek(0, 2) == 16
+
+
+def test_an_export_that_meets_damage_leaves_nothing(tmp_path: Path) -> None:
+    store = write(tmp_path / "store", [example_capture("gated", seed=seed) for seed in range(2)])
+    chunk = store / "counts" / "c.1.0.0.0"
+    content = bytearray(chunk.read_bytes())
+    content[10] ^= 1
+    chunk.write_bytes(content)
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match="damaged"):
+        beambench.export(store, out=tmp_path / "out" / "a.h5")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+# ---------------------------------------------------------------- whose estimates
+
+
+def read(path: Path, **changes: Any) -> Estimates:
+    return read_estimates(path, COUNT, SHAPE, **({"modality": "gated", "captures_sha256": "ab" * 32} | changes))
+
+
+def test_estimates_of_other_captures_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "peak.h5"
+    write_estimates(path, estimates())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read(path).label == "peak"
+    with pytest.raises(InputError, match="made from other captures"):
+        read(path, captures_sha256="cd" * 32)
+    with pytest.raises(InputError, match="another modality"):
+        read(path, modality="amcw")
+    write_estimates(path, estimates(captures_sha256=""))
+    with pytest.warns(UserWarning, match="does not tell from which captures"):
+        read(path)
+
+
+def test_a_store_has_one_name_and_hands_it_on(tmp_path: Path) -> None:
+    import hashlib
+
+    store = write(tmp_path / "store", [example_capture("gated", seed=seed) for seed in range(2)])
+    other = write(tmp_path / "other", [example_capture("gated", seed=seed) for seed in (0, 2)])
+    name = open_captures(store).sha256
+    assert name == hashlib.sha256((store / "manifest.json").read_bytes()).hexdigest() != open_captures(other).sha256
+    with h5py.File(beambench.export(store, out=tmp_path / "a.h5")) as file:
+        assert file.attrs["captures_sha256"] == name
+
+
+# ---------------------------------------------------------------- odd content
+
+
+def _group(file: h5py.File) -> None:
+    del file["range"]
+    file.create_group("range")
+
+
+def _text(file: h5py.File) -> None:
+    del file["range"]
+    file["range"] = np.full((COUNT, *SHAPE), b"far", dtype="S3")
+
+
+def _empty_dataset(file: h5py.File) -> None:
+    del file["sigma"]
+    file["sigma"] = h5py.Empty("f8")
+
+
+def _replace(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        if name in file:
+            del file[name]
+        file[name] = value
+
+    return change
+
+
+def _version(value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file.attrs["schema_version"] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (_group, "no array"),
+        (_text, "holds no numbers"),
+        (_empty_dataset, "no array"),
+        (_replace("range", np.zeros((COUNT, *SHAPE), complex)), "holds no numbers"),
+        (_replace("wall_s", np.array([b"fast", b"slow"])), "cannot be read"),
+        (lambda file: (_replace("status", 1)(file), file.pop("status"), file.create_group("status"))[0], "no array"),
+        (_version(np.array([], "i8")), "schema version"),
+        (_version(h5py.Empty("i8")), "schema version"),
+        (_version("one"), "schema version"),
+        (_version(2), "schema version"),
+        (_version(np.nan), "schema version"),
+    ],
+)
+def test_odd_content_is_bad_input(tmp_path: Path, change: Callable[[h5py.File], None], told: str) -> None:
+    path = tmp_path / "odd.h5"
+    write_estimates(path, estimates())
+    with h5py.File(path, "a") as file:
+        change(file)
+    with pytest.raises(InputError, match=told):
+        read(path)
+
+
+def test_score_refuses_them_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = write(tmp_path / "store", example_capture("gated"))
+    sizes = open_captures(store).load(0).sizes
+    shape = (sizes["row"], sizes["col"])
+    one = {"range": np.ones(shape), "sigma": np.ones(shape), "valid": np.ones(shape, bool)}
+    path = tmp_path / "peak.h5"
+    for changes, told in (({"captures_sha256": "cd" * 32}, "other captures"), ({"modality": "amcw"}, "modality")):
+        write_estimates(
+            path, estimates(arrays=[one], cpu_s=[0.0], wall_s=[0.0], peak_bytes=[0.0], status=["ok"], **changes)
+        )
+        assert cli.main(["score", str(store), str(path), "-o", str(tmp_path / "s")]) == 2
+        assert told in capsys.readouterr().err and not (tmp_path / "s").exists()

@@ -1,0 +1,99 @@
+"""A plug-in that ends the process, hangs or dies breaks its law: the check neither dies of it nor passes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import beambench
+from beambench import law_trial
+from beambench.estimator_laws import LAWS, check_laws
+from beambench.ranger_laws import check_ranger_laws
+from beambench.scenes.errors import InputError
+
+_MODULE = """
+import json, os, sys, time
+import numpy as np, xarray as xr
+from beambench.estimators import estimator
+{at_import}
+
+@estimator("gated", cites="none")
+def bad(capture, *, threshold: float = 1.0):
+    print("printed by the plug-in")
+    counts = capture["counts"].values
+    if counts.max() == 0:
+        {all_zero}
+    elif counts.min() == counts.max() == 100:
+        {constant}
+    shape = counts.shape[1:]
+    nothing = np.full(shape, np.nan)
+    dims = ("row", "col")
+    return xr.Dataset(
+        {{"range": (dims, nothing), "sigma": (dims, nothing), "valid": (dims, np.zeros(shape, dtype=bool))}}
+    )
+"""
+
+
+def _install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, at_import: str = "", all_zero: str = "pass",
+             constant: str = "pass") -> None:  # fmt: skip
+    info = tmp_path / "trial_plugin-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: trial-plugin\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[beambench.estimators]\nbad = trial_plugin:bad\n")
+    text = _MODULE.format(at_import=at_import, all_zero=all_zero, constant=constant)
+    (tmp_path / "trial_plugin.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+def test_a_plugin_that_leaves_breaks_that_law_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    _install(tmp_path, monkeypatch, all_zero="os._exit(0)", constant="sys.exit(0)")
+    found = {result.law: result for result in beambench.estimators_check("bad")}
+    assert list(found) == list(LAWS)
+    assert found["finite or invalid: all zero"].seen == "ended the process (exit code 0)"
+    assert found["finite or invalid: constant"].seen == "SystemExit: 0"
+    assert found["same answer twice"].holds and found["finite or invalid: saturated"].holds
+    told = capfd.readouterr()
+    assert told.out == "" and "printed by the plug-in" in told.err
+
+
+def test_a_law_that_does_not_end_is_broken_and_the_rest_not_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _install(tmp_path, monkeypatch, all_zero="time.sleep(60)")
+    found = {result.law: result for result in law_trial.try_laws("bad", limit_s=8.0)}
+    assert list(found) == list(LAWS)
+    assert found["finite or invalid: all zero"].seen == "did not end within 8 s"
+    assert found["finite or invalid: constant"].seen.startswith("not tried")
+    assert found["same answer twice"].holds
+
+
+def test_an_import_that_ends_the_process_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _install(tmp_path, monkeypatch, at_import="sys.exit(0)")
+    with pytest.raises(InputError, match=r"ended the process|cannot be imported"):
+        beambench.estimators_check("bad")
+
+
+def test_bad_names_are_told_as_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _install(tmp_path, monkeypatch)
+    with pytest.raises(InputError, match="no such estimator") as told:
+        beambench.estimators_check("bat")
+    assert "bad" in str(told.value)
+    with pytest.raises(InputError, match="unknown parameter"):
+        beambench.estimators_check("bad[limit=3]")
+
+
+@pytest.mark.parametrize("check", [check_laws, lambda run: check_ranger_laws(run, "amcw")])
+def test_in_this_process_an_exit_is_a_broken_law_and_an_interrupt_is_the_users(check: object) -> None:
+    def leaves(capture: object) -> object:
+        raise SystemExit(0)
+
+    def interrupted(capture: object) -> object:
+        raise KeyboardInterrupt
+
+    assert callable(check)
+    assert not any(result.holds for result in check(leaves))
+    with pytest.raises(KeyboardInterrupt):
+        check(interrupted)

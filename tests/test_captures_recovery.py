@@ -1,0 +1,159 @@
+"""A repair drops what is damaged, never what could not be read, and keeps what it drops."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from beambench import cli
+from beambench.captures import CaptureWriter, finalize, open_captures, repair, verification, verify, write
+from beambench.captures.example import example_capture
+from beambench.scenes.errors import InputError
+
+CHUNK = "counts/c.1.0.0.0"
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    return write(tmp_path / "store", [example_capture("gated", seed=seed) for seed in range(3)])
+
+
+def refuse(monkeypatch: pytest.MonkeyPatch, errno_: int) -> None:
+    """Make reading of one chunk fail, as for a user without the right to (root may read everything)."""
+    read = Path.read_bytes
+
+    def refused(self: Path) -> bytes:
+        if str(self).endswith(CHUNK):
+            raise OSError(errno_, os.strerror(errno_), str(self))
+        return read(self)
+
+    monkeypatch.setattr(Path, "read_bytes", refused)
+
+
+@pytest.mark.parametrize("name", ["EACCES", "EMFILE", "ESTALE", "ENOMEM"])
+def test_what_cannot_be_read_is_not_dropped(
+    store: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    import errno
+
+    with monkeypatch.context() as patch:
+        refuse(patch, getattr(errno, name))
+        (damage,) = verify(store)
+        assert damage.unreadable and damage.file == CHUNK
+        assert cli.main(["data", "verify", str(store)]) == 1
+        told = capsys.readouterr().out
+        assert "cannot be read" in told and "repair" not in told
+        assert cli.main(["data", "repair", str(store)]) == 2
+        assert "take the right to read it" in capsys.readouterr().err
+    assert verify(store) == [] and os.listdir(store.parent) == ["store"]
+
+
+def test_content_that_the_disk_lost_is_damage(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import errno
+
+    refuse(monkeypatch, errno.EIO)
+    (damage,) = verify(store)
+    assert not damage.unreadable and damage.capture == 1
+    assert repair(store).dropped == (1,)
+
+
+def test_an_unfinished_store_that_cannot_be_read_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import errno
+
+    def captures():  # type: ignore[no-untyped-def]
+        yield from (example_capture("gated", seed=seed) for seed in range(3))
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write(tmp_path / "store", captures())
+    with monkeypatch.context() as patch:
+        refuse(patch, errno.EACCES)
+        for recover in (finalize, repair):
+            with pytest.raises(InputError, match="cannot be read"):
+                recover(tmp_path / "store.partial")
+    assert finalize(tmp_path / "store").kept == 3
+
+
+def test_a_store_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
+    """Locks belong to an open file, so that a second writer of this process stands for one of another."""
+    path = tmp_path / "store"
+    with CaptureWriter(path) as writer:
+        writer.append(example_capture("gated", seed=0))
+        for other in (
+            lambda: CaptureWriter(path, resume=True),
+            lambda: CaptureWriter(path, overwrite=True),
+            lambda: finalize(path),
+            lambda: repair(path.with_name("store.partial")),
+        ):
+            with pytest.raises(InputError, match="another process is writing"):
+                other()
+        writer.append(example_capture("gated", seed=1))
+    assert [capture.attrs["seed"] for capture in open_captures(path)] == [0, 1] and verify(path) == []
+
+
+def test_what_is_dropped_is_kept_aside(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for round_, index in enumerate((1, 0)):
+        chunk = store / "counts" / f"c.{index}.0.0.0"
+        content = bytearray(chunk.read_bytes())
+        content[10] ^= 1
+        chunk.write_bytes(content)
+        others = (store / "truth_range" / f"c.{index}.0.0").read_bytes()
+        recovery = repair(store)
+        aside = store.with_name("store.dropped" + ("" if round_ == 0 else "-2"))
+        assert recovery.aside == aside and recovery.dropped == (index,)
+        # The damaged chunk, and all else of its capture; nothing of those that the store holds.
+        assert (aside / "counts" / f"c.{index}.0.0.0").read_bytes() == bytes(content)
+        assert (aside / "truth_range" / f"c.{index}.0.0").read_bytes() == others
+        chunks = [file.name for file in aside.rglob("c.*")]
+        assert chunks and all(name.startswith(f"c.{index}.") for name in chunks)
+    assert [capture.attrs["seed"] for capture in open_captures(store)] == [2] and verify(store) == []
+    assert repair(store).aside is None
+
+
+def test_a_chunk_that_the_manifest_does_not_know_is_kept_aside(store: Path) -> None:
+    (store / "counts" / "c.7.0.0.0").write_bytes(b"mine")
+    recovery = repair(store)
+    assert recovery.kept == 3 and recovery.aside is not None
+    assert (recovery.aside / "counts" / "c.7.0.0.0").read_bytes() == b"mine" and verify(store) == []
+
+
+def test_damaged_metadata_are_not_sent_to_repair(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = store / "counts" / "zarr.json"
+    file.write_bytes(file.read_bytes() + b" ")
+    assert cli.main(["data", "verify", str(store)]) == 1
+    told = capsys.readouterr().out
+    assert "generate it anew" in told and "repair" not in told
+    with pytest.raises(InputError, match="generate it anew") as caught:
+        open_captures(store)
+    assert "repair" not in str(caught.value)
+
+
+def test_reading_tells_a_missing_right_from_damage(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import errno
+
+    from beambench.captures import reader
+
+    captures = open_captures(store)
+
+    def refused(path: Path) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(reader, "chunk_mark", refused)
+    with pytest.raises(InputError, match="cannot be read") as caught:
+        captures.load(0)
+    assert "data repair" not in str(caught.value) and "Permission denied" in str(caught.value)
+    monkeypatch.setattr(reader, "regular_size", refused)
+    with pytest.raises(InputError, match="cannot be read"):
+        open_captures(store)
+
+
+def test_no_advice_names_a_verb_that_is_not_there(store: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    for wrong in ("file", "folder"):
+        with pytest.raises(InputError) as caught:
+            open_captures(tmp_path / wrong)
+        assert "import" not in str(caught.value)
+    assert verification.chunk_problem(tmp_path / "none", (1, "00")) == "missing"

@@ -1,0 +1,1 @@
+../../api/hdf5_file.py

@@ -1,0 +1,1 @@
+../../api/law_trial.py
