@@ -82,10 +82,19 @@ def _rooms() -> str:
         if spec is None or not spec.submodule_search_locations:
             raise InputError("A room of the package is missing.", where=str(folder), value=room)
         place = Path(next(iter(spec.submodule_search_locations)))
-        for path in sorted(place.rglob("*.py")):
+        # Weights that ship count as source.
+        for path in sorted([*place.rglob("*.py"), *place.rglob("*.npz")]):
             digest.update(f"{room}/{path.relative_to(place)}".encode() + path.read_bytes())
     digest.update((folder / "child.py").read_bytes())  # how a call is timed
     return digest.hexdigest()
+
+
+def _named_files(label: str) -> list[str]:
+    """SHA-256 of the files that a label's parameters name (weights): their path alone does not tell what is in them."""
+    from ..estimators.labels import parse_label
+
+    values = [value for value in parse_label(label)[1].values() if isinstance(value, str) and os.path.isabs(value)]
+    return [hashlib.sha256(Path(value).read_bytes()).hexdigest() for value in sorted(values) if os.path.isfile(value)]
 
 
 class ResultCache:
@@ -106,7 +115,7 @@ class ResultCache:
         source = source_of(chosen.name)
         if not source:
             return ""
-        parts = [self._capture(job), chosen.label, source, self._setting]
+        parts = [self._capture(job), chosen.label, source, self._setting, *_named_files(chosen.label)]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _capture(self, job: Job) -> str:

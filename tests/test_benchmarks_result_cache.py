@@ -113,3 +113,15 @@ def test_a_run_takes_up_what_another_measured(tmp_path: Path, monkeypatch: pytes
     assert (runs[0] / "scores.csv").read_bytes() == (runs[1] / "scores.csv").read_bytes()
     plain = (tmp_path / "plain" / "accuracy.csv").read_bytes()
     assert all((folder / "accuracy.csv").read_bytes() == plain for folder in runs)
+
+
+def test_other_weights_in_the_same_file_are_another_answer(tmp_path: Path) -> None:
+    weights = tmp_path / "w.npz"
+    label = f"learned[weights={weights}]"
+    chosen, cache = Chosen("learned", f"weights={weights}", label), ResultCache(tmp_path / "cache")
+    job = _job(tmp_path / "job")
+    names = set()
+    for content in (b"one", b"two"):
+        weights.write_bytes(content)
+        names.add(cache.key(job, chosen))
+    assert len(names) == 2
