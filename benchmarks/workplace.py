@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ..captures.journal import fsync_path
 from ..scenes.errors import InputError
 from .kinds import Kind, verb_in
 
@@ -275,7 +276,7 @@ def _exchange(work: Path, out: Path, kind: Kind) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             os.rename(source, target)
             done.append((source, target))
-        _sync(out)
+        fsync_path(out)
     except BaseException as error:
         for source, target in reversed(done):
             os.rename(target, source)
@@ -285,14 +286,6 @@ def _exchange(work: Path, out: Path, kind: Kind) -> None:
     shutil.rmtree(aside, ignore_errors=True)
     shutil.rmtree(work, ignore_errors=True)  # no files are left in it
     _tidy(out, kind)  # parts that the old output had and the new one has not
-
-
-def _sync(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _tell(error: BaseException, work: Path, kind: Kind) -> None:
