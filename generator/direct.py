@@ -28,7 +28,7 @@ from .slice_view import slice_view
 from .subsampling import centre_error, lattice, plan, stack_power
 from .trace import Hits, Tracer, pixel_directions
 
-__all__ = ["DirectScene", "gate_tables", "render_direct", "response_width_s"]
+__all__ = ["MIXED_FRACTION", "DirectScene", "gate_tables", "render_direct", "response_width_s"]
 
 Float = NDArray[np.float64]
 Rays = TypeVar("Rays", Hits, Echoes)
@@ -36,7 +36,7 @@ Rays = TypeVar("Rays", Hits, Echoes)
 #: Samples within this many σ of R become one return.
 _MERGE_SIGMAS = 0.25
 #: The contract: a pixel is mixed where its sub-samples span over this fraction of R's full width at half maximum.
-_MIXED_FRACTION = 0.05
+MIXED_FRACTION = 0.05
 #: One pixel in so many is asked with several rays; rays for each, and by how much these may disagree with its centre.
 _PIXELS_PER_PROBE = 32
 _PROBE_RAYS = 9
@@ -227,7 +227,7 @@ def _truth(
         "truth_normal": np.where(hit, hits.normal, np.nan).T.astype(np.float32),
         "truth_albedo": albedo.astype(np.float32),
         "truth_material": hits.target.astype(np.int32),
-        "truth_mixed": np.nan_to_num(last - first) > _MIXED_FRACTION * fwhm,
+        "truth_mixed": np.nan_to_num(last - first) > MIXED_FRACTION * fwhm,
         "truth_first": first * half - offset,
         "truth_last": last * half - offset,
         "truth_amplitude": amplitude,

@@ -25,7 +25,7 @@ from ..optics.constants import C_M_PER_S
 from ..scenes.declare import group_index
 from ..scenes.scene import Scene, gated_rig
 from .backend import mitsuba
-from .direct import _MIXED_FRACTION, response_width_s
+from .direct import MIXED_FRACTION, response_width_s
 from .path_loop import Lanes, Moments, Window
 from .path_world import PathWorld
 from .trace import pixel_directions
@@ -105,7 +105,7 @@ def finite_truth(scene: Scene, truth: dict[str, Any], found: FiniteLight) -> dic
         "truth_amplitude": np.maximum(truth["truth_amplitude"] + found.amplitude, 0.0),
         "truth_first": first,
         "truth_last": last,
-        "truth_mixed": np.nan_to_num(last - first) > _MIXED_FRACTION * response_width_s(scene)[1] * half,
+        "truth_mixed": np.nan_to_num(last - first) > MIXED_FRACTION * response_width_s(scene)[1] * half,
     }
 
 
