@@ -14,21 +14,21 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .scenes.errors import InputError
-    from .verb_break import break_
-    from .verb_compare import compare
-    from .verb_data import data_finalize, data_repair, data_status, data_verify
-    from .verb_doctor import doctor
-    from .verb_estimate import estimate
-    from .verb_estimators import estimators_check, estimators_list, estimators_new, estimators_train
-    from .verb_export import export
-    from .verb_fidelity import fidelity
-    from .verb_generate import generate
-    from .verb_report import report
-    from .verb_reproduce import reproduce
-    from .verb_run import run
-    from .verb_scenes import scenes_list, scenes_preview, scenes_show
-    from .verb_score import score
-    from .verb_sweep import sweep
+    from .verbs.break_ import break_
+    from .verbs.compare import compare
+    from .verbs.data import data_finalize, data_repair, data_status, data_verify
+    from .verbs.doctor import doctor
+    from .verbs.estimate import estimate
+    from .verbs.estimators import estimators_check, estimators_list, estimators_new, estimators_train
+    from .verbs.export import export
+    from .verbs.fidelity import fidelity
+    from .verbs.generate import generate
+    from .verbs.report import report
+    from .verbs.reproduce import reproduce
+    from .verbs.run import run
+    from .verbs.scenes import scenes_list, scenes_preview, scenes_show
+    from .verbs.score import score
+    from .verbs.sweep import sweep
 
     __version__: str
 
@@ -62,29 +62,29 @@ __all__ = [
 
 _HOME = {
     "InputError": ".scenes.errors",
-    "break_": ".verb_break",
-    "compare": ".verb_compare",
-    "data_finalize": ".verb_data",
-    "data_repair": ".verb_data",
-    "data_status": ".verb_data",
-    "data_verify": ".verb_data",
-    "doctor": ".verb_doctor",
-    "estimate": ".verb_estimate",
-    "estimators_check": ".verb_estimators",
-    "estimators_list": ".verb_estimators",
-    "estimators_new": ".verb_estimators",
-    "estimators_train": ".verb_estimators",
-    "export": ".verb_export",
-    "fidelity": ".verb_fidelity",
-    "generate": ".verb_generate",
-    "report": ".verb_report",
-    "reproduce": ".verb_reproduce",
-    "run": ".verb_run",
-    "scenes_list": ".verb_scenes",
-    "scenes_preview": ".verb_scenes",
-    "scenes_show": ".verb_scenes",
-    "score": ".verb_score",
-    "sweep": ".verb_sweep",
+    "break_": ".verbs.break_",
+    "compare": ".verbs.compare",
+    "data_finalize": ".verbs.data",
+    "data_repair": ".verbs.data",
+    "data_status": ".verbs.data",
+    "data_verify": ".verbs.data",
+    "doctor": ".verbs.doctor",
+    "estimate": ".verbs.estimate",
+    "estimators_check": ".verbs.estimators",
+    "estimators_list": ".verbs.estimators",
+    "estimators_new": ".verbs.estimators",
+    "estimators_train": ".verbs.estimators",
+    "export": ".verbs.export",
+    "fidelity": ".verbs.fidelity",
+    "generate": ".verbs.generate",
+    "report": ".verbs.report",
+    "reproduce": ".verbs.reproduce",
+    "run": ".verbs.run",
+    "scenes_list": ".verbs.scenes",
+    "scenes_preview": ".verbs.scenes",
+    "scenes_show": ".verbs.scenes",
+    "score": ".verbs.score",
+    "sweep": ".verbs.sweep",
 }
 #: Sub-packages, imported on first use as well: `beambench.scenes.load_scene`.
 _ROOMS = ("benchmarks", "captures", "estimators", "generator", "optics", "scenes")

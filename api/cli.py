@@ -11,7 +11,11 @@ from typing import Any, TextIO
 
 from cyclopts import App, CycloptsError
 
-from . import cli_data, cli_estimators, cli_fidelity, cli_run, cli_search
+from .commands import data as cli_data
+from .commands import estimators as cli_estimators
+from .commands import fidelity as cli_fidelity
+from .commands import run as cli_run
+from .commands import search as cli_search
 from .console import terminal
 from .scenes.errors import InputError
 

@@ -13,14 +13,14 @@ __all__ = ["check_free", "claim", "default_out", "is_package", "is_picture", "sl
 
 def slug(name: str) -> str:
     """A name as a part of a file name: letters, digits, dot, dash and underscore."""
-    from .benchmarks.kinds import slug
+    from .benchmarks.folders.kinds import slug
 
     return slug(name)
 
 
 def default_out(name: str) -> Path:
     """./beambench-runs/<name>-<time>, with a number behind it where two commands fall into one second."""
-    from .benchmarks.output import default_folder
+    from .benchmarks.folders.journal import default_folder
 
     return default_folder(slug(Path(name).stem))
 
@@ -58,7 +58,7 @@ def claim(
     Raises:
         InputError: the output exists and may not be replaced, or it cannot be made there.
     """
-    from .benchmarks.workplace import refuse_inputs, refuse_place
+    from .benchmarks.folders.workplace import refuse_inputs, refuse_place
 
     path = default_out(name) if out is None else Path(out).expanduser()
     refuse_inputs(path, inputs)

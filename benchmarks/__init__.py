@@ -1,1 +1,1 @@
-"""beambench."""
+"""Estimate and truth to scores: suites, runner, statistics, bounds, report."""

@@ -12,29 +12,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..scenes.errors import InputError
-from .costs import cost_row, write_costs
-from .error_tiles import TileKey, tile_sums, write_tiles
-from .estimator_labels import Chosen, check_estimators
-from .files import write_json
-from .kinds import RUN
-from .output import Journal, without_nan
-from .picture_files import write_picture
-from .progress import Progress, silent
-from .record import TABLES_VERSION, machine, now, versions
-from .result_cache import ResultCache
-from .runner import Job, Outcome, Session, run_sessions
-from .score import errors_of, score_rows
-from .skips import not_applicable, skipped_rows, skips_of
-from .spool import Entry, Spool
-from .suite import Cell, Loaded, cells_of, load_suite
-from .suite_spec import Split, check_split
-from .tables import sort_rows, write_tables
-from .workplace import output_folder, workplace
+from .folders.files import write_json
+from .folders.journal import Journal, without_nan
+from .folders.kinds import RUN
+from .folders.progress import Progress, silent
+from .folders.record import TABLES_VERSION, machine, now, versions
+from .folders.workplace import output_folder, workplace
+from .report.picture_files import write_picture
+from .runner.estimator_labels import Chosen, check_estimators
+from .runner.result_cache import ResultCache
+from .runner.session import Job, Outcome, Session, run_sessions
+from .runner.spool import Entry, Spool
+from .scores.costs import cost_row, write_costs
+from .scores.error_tiles import TileKey, tile_sums, write_tiles
+from .scores.score import errors_of, score_rows
+from .scores.skips import not_applicable, skipped_rows, skips_of
+from .scores.tables import sort_rows, write_tables
+from .suites.spec import Split, check_split
+from .suites.suite import Cell, Loaded, cells_of, load_suite
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from .calibrate import Calibrations
+    from .judges.calibrate import Calibrations
 
 __all__ = ["RunResult", "run_suite"]
 
@@ -138,7 +138,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], told: dict[str, Any], re
     write_json(folder / "run.json", record)
     page = None
     if report:
-        from .report import write_report
+        from .report.page import write_report
 
         progress("report", 0, 1, "report.html")
         tick = time.perf_counter()
@@ -200,7 +200,7 @@ class _Run:
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate (or, resuming, read) a capture, store it, and spool it for the children."""
         from .bounds.dispatch import bound_of
-        from .score import truth_of
+        from .scores.score import truth_of
 
         capture = self._capture(cell)
         bound = self._timed("bound", lambda: bound_of(capture))
@@ -210,8 +210,8 @@ class _Run:
         return self.folder / "captures" / f"{_file_name(cell)}.zarr"
 
     def _capture(self, cell: Cell) -> xr.Dataset:
-        from ..captures.publish import partial_of
-        from ..captures.store import open_captures, write
+        from ..captures import open_captures, write
+        from ..captures.store.publish import partial_of
         from ..generator.generate import generate
 
         path = self._store(cell)
@@ -233,7 +233,7 @@ class _Run:
         if name == "matched":
             return lambda hidden: hidden
         if self._calibrations is None:
-            from .calibrate import Calibrations
+            from .judges.calibrate import Calibrations
 
             assert self.suite.calibration is not None
             self._calibrations = Calibrations(self.suite.calibration)
@@ -352,7 +352,7 @@ class _Run:
         return as_written and condition == self.suite.conditions[0]
 
     def _restore(self, spool: Spool, entry: Entry) -> None:
-        from ..captures.store import open_captures
+        from ..captures import open_captures
 
         capture = open_captures(self._store(entry.cell))[0]
         truth, bound = spool.truth(entry)

@@ -19,18 +19,20 @@ if TYPE_CHECKING:
     from .build import make_capture
     from .compare import Comparison, compare_captures, compare_stores
     from .hide import hide_truth
-    from .reader import CaptureSet, open_captures
-    from .recovery import finalize, repair
-    from .schema import SCHEMA_VERSION
-    from .verification import Damage, verify
-    from .writer import CaptureWriter, write
+    from .layouts.schema import SCHEMA_VERSION
+    from .store.reader import CaptureIndexError, CaptureSet, open_captures
+    from .store.recovery import Recovery, finalize, repair
+    from .store.verification import Damage, verify
+    from .store.writer import CaptureWriter, write
 
 __all__ = [
     "SCHEMA_VERSION",
+    "CaptureIndexError",
     "CaptureSet",
     "CaptureWriter",
     "Comparison",
     "Damage",
+    "Recovery",
     "compare_captures",
     "compare_stores",
     "finalize",
@@ -44,20 +46,22 @@ __all__ = [
 
 # No function here has the name of a module: importing the module would replace it.
 _HOME = {
-    "SCHEMA_VERSION": "schema",
-    "CaptureSet": "reader",
-    "CaptureWriter": "writer",
+    "SCHEMA_VERSION": "layouts.schema",
+    "CaptureIndexError": "store.reader",
+    "CaptureSet": "store.reader",
+    "CaptureWriter": "store.writer",
     "Comparison": "compare",
-    "Damage": "verification",
+    "Damage": "store.verification",
+    "Recovery": "store.recovery",
     "compare_captures": "compare",
     "compare_stores": "compare",
-    "finalize": "recovery",
+    "finalize": "store.recovery",
     "hide_truth": "hide",
     "make_capture": "build",
-    "open_captures": "reader",
-    "repair": "recovery",
-    "verify": "verification",
-    "write": "writer",
+    "open_captures": "store.reader",
+    "repair": "store.recovery",
+    "verify": "store.verification",
+    "write": "store.writer",
 }
 
 

@@ -88,7 +88,7 @@ def compare_stores(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> list
     Raises InputError if one cannot be read, or if they hold different numbers of captures.
     """
     from ..scenes.errors import InputError
-    from .reader import open_captures
+    from .store.reader import open_captures
 
     first, second = open_captures(a), open_captures(b)
     if len(first) != len(second):

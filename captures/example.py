@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .build import make_capture
-from .schema import FIXED_SIZES, Variable, modality_schema
+from .layouts.schema import FIXED_SIZES, Variable, modality_schema
 
 if TYPE_CHECKING:
     import xarray as xr

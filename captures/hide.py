@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .schema import modality_schema
+from .layouts.schema import modality_schema
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scenes.errors import InputError
-from .manifest import sha256_file
+from .store.manifest import sha256_file
 
 __all__ = ["bare_scene", "find_sources", "source_files"]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from beambench.benchmarks.pictures import DIVERGING, SEQUENTIAL, png, range_limits, read_pictures
+from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, png, range_limits, read_pictures
 from beambench.captures import open_captures
 
 GREY = ("#000000", "#ffffff")

@@ -11,23 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..captures.build import make_capture
-from ..optics import waveforms
-from ..optics.gate_maps import gate_offset_map
-from ..scenes.declare import declared_rig, optics_gate
+from ..optics.correlation import waveforms
+from ..optics.correlation.gate_maps import gate_offset_map
 from ..scenes.errors import InputError
+from ..scenes.rigs.declare import declared_rig, optics_gate
 from ..scenes.scene import Scene, gated_rig
 from .detector import detect, fixed_pattern
-from .direct import DirectScene, gate_tables, render_direct
-from .effects import catalogue
+from .gated.direct import DirectScene, gate_tables, render_direct
+from .gated.effects import catalogue
+from .gated.scatter import forward_electrons, halo_electrons, render_scatter, scattered_electrons
 from .random import Stage, generator
-from .returns import render_stack
-from .scatter import forward_electrons, halo_electrons, render_scatter, scattered_electrons
-from .trace import Tracer
+from .rays.returns import render_stack
+from .rays.trace import Tracer
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from .choose import Choice
+    from .gated.choose import Choice
 
 __all__ = [
     "GenerationWarning", "capture_key_of", "expected_electrons", "generate", "slice_coordinates", "slice_settings",
@@ -105,15 +105,15 @@ def generate(
             )  # fmt: skip
     choice: Choice | None = None
     if fidelity == "auto":
-        from .choose import choose
+        from .gated.choose import choose
 
         choice = choose(scene, rtol, seed, key)
         # The rung's sampling may take half, so that it and what the rung leaves out stay below rtol together.
         fidelity, rtol = choice.rung, choice.rtol * (1.0 if choice.rung == "full" else 0.5)
     assert not isinstance(rtol, str)
     if scene.modality != "gated":
-        from .amcw import generate_amcw
-        from .waveform import generate_waveform
+        from .ranger.amcw import generate_amcw
+        from .ranger.waveform import generate_waveform
 
         made = (generate_waveform if scene.modality == "waveform" else generate_amcw)(
             scene, seed=seed, key=key, rtol=rtol, truth_electrons=truth_electrons, tracer=tracer, rung=fidelity
@@ -125,7 +125,7 @@ def generate(
     scatter = render_scatter(scene, rtol, tracer) if fidelity == "scatter" else None
     share = rtol
     if fidelity == "full":
-        from .full import SAMPLING
+        from .gated.full import SAMPLING
 
         share = SAMPLING * rtol
     direct = render_direct(scene, share, tracer) if scatter is None else scatter.direct
@@ -133,7 +133,7 @@ def generate(
     rig = gated_rig(scene)
     screen: DirectScene | None = None
     if rig.screen is not None:
-        from .screen import behind_screen
+        from .gated.screen import behind_screen
 
         direct, screen = behind_screen(scene, direct, share)
     light, ambient = expected_electrons(scene, direct, coords, seed, key, share)
@@ -150,7 +150,7 @@ def generate(
     traced: dict[str, Any] = {}
     more_truth: dict[str, NDArray[Any]] = {}
     if fidelity == "full":
-        from .full import add_remainder
+        from .gated.full import add_remainder
 
         settings = slice_settings(scene, coords, seed, key)
         background, traced, more_truth = add_remainder(
@@ -285,7 +285,7 @@ def expected_electrons(
     background = rig.ambient_e_per_s * areas[coords["gate"]] * coords["pulses"]
     tables = gate_tables(scene)
     if rig.motion_m_per_s is not None:
-        from .motion import moving_stack
+        from .gated.motion import moving_stack
 
         flat = light.reshape(slices, -1)
         moving_stack(scene, coords["time"], coords["gate"], tables, delay, scale, offset, rtol, flat)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .constants import C_M_PER_S
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = [
     "depth_accuracy", "depth_error_percent_eq25", "range_accuracy_eq17", "snr_eq14", "snr_eq15", "snr_eq16",

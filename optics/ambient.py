@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .constants import C_M_PER_S, PLANCK_J_S
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = [
     "band_filter", "daylight_spectrum", "diffuse_attenuation", "diffuse_radiance", "illuminance_lux",
@@ -124,7 +124,7 @@ def diffuse_attenuation(source: str, kind: str, wavelength_m: ArrayLike) -> Arra
 
     NaN where the source has no value. Raises ValueError for a source that does not tell K_d, or an unknown type.
     """
-    from .water import water_optics
+    from .water.types import water_optics
 
     wave = np.asarray(wavelength_m, np.float64)
     if source == "pure":

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .constants import C_M_PER_S
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = [
     "correlation_sample", "distance_eq24", "modulation_wavelength", "part_wave_eq25", "phase_of_range",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = [
     "encode_srgb", "illuminant_names", "illuminant_spectrum", "illuminance_of", "linear_srgb_of_line",

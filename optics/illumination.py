@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = [
     "beam_axis", "beam_intensity", "beam_rotation", "distorted_point_eq9", "distortion_ratio_eq11", "distortion_ratio_eq13",

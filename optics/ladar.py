@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .brdf_chua import chua_printed
 from .constants import C_M_PER_S, PLANCK_J_S
-from .correlation_forms import correlation
-from .gates import Gate
-from .pulses import Pulse
-from .shape_parts import Array
+from .correlation.forms import correlation
+from .correlation.gates import Gate
+from .correlation.parts import Array
+from .correlation.pulses import Pulse
+from .reflection.chua import chua_printed
 
 __all__ = [
     "gated_intensity_eq18", "gated_intensity_eq19", "gated_intensity_eq20", "gated_intensity_eq21",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = ["coates_rate", "count_information", "dead_bins", "expected_counts", "live_pulses"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .shape_parts import Array
+from .correlation.parts import Array
 
 __all__ = ["count_cycles", "counter_range_step", "pulse_distance_eq23"]
 

@@ -1,1 +1,1 @@
-"""beambench."""
+"""What is there: target, medium and rig as typed specs, and the library of scenes."""

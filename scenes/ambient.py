@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ..optics import ambient, attenuation, colorimetry
+from ..optics import ambient, colorimetry
+from ..optics.water import attenuation
 from .base import Fraction, NonNegative, Positive, Spec
 
 __all__ = ["AmbientSpectrum", "BandFilter", "Spectrum", "WaterPath", "ambient_rate", "without_computed"]

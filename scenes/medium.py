@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer, model_validator
 
-from ..optics import phase_forms
-from ..optics.phase_function import phase_from_spec
-from ..optics.water import WaterOptics, water_optics
+from ..optics.water import phase_forms
+from ..optics.water.phase_function import phase_from_spec
+from ..optics.water.types import WaterOptics, water_optics
 from .base import Index, NonNegative, Spec
 from .phase import PhaseFunction
 

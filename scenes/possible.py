@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..optics import waveforms
+from ..optics.correlation import waveforms
 from .errors import InputError
 from .medium import WaterIndex
-from .rig import GatedRig
-from .rig_amcw import AmcwRig
+from .rigs.amcw import AmcwRig
+from .rigs.gated import GatedRig
 from .sampling import gated_sample_step
 from .scene import Scene, TargetObject
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Sphere

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..optics import waveforms
-from ..optics.correlation import Table, tabulate
+from ..optics.correlation import waveforms
+from ..optics.correlation.response import Table, tabulate
 from .errors import InputError
-from .rig import GatedRig
+from .rigs.gated import GatedRig
 
 __all__ = ["MOST_SAMPLES", "gated_sample_step", "response_table", "sample_step_s"]
 

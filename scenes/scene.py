@@ -10,9 +10,9 @@ from .base import Spec
 from .errors import InputError
 from .materials import Material
 from .medium import Medium
-from .rig import GatedRig
-from .rig_amcw import AmcwRig
-from .rig_waveform import WaveformRig
+from .rigs.amcw import AmcwRig
+from .rigs.gated import GatedRig
+from .rigs.waveform import WaveformRig
 from .shapes import Box, Shape
 from .textures import Texture
 

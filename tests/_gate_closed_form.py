@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from beambench.generator.full import Slices
+from beambench.generator.gated.full import Slices
 from beambench.scenes.scene import Scene, gated_rig
 
 C = 299_792_458.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beambench.optics.phase_forms import PhaseFunction, phase_cdf, phase_density
+from beambench.optics.water.phase_forms import PhaseFunction, phase_cdf, phase_density
 
 Float = NDArray[np.float64]
 

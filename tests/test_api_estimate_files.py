@@ -16,9 +16,9 @@ import pytest
 import beambench
 from beambench import InputError, cli
 from beambench.captures import open_captures, write
+from beambench.captures.estimates import Estimates, read_estimates, write_estimates
 from beambench.captures.example import example_capture
-from beambench.estimates import Estimates, read_estimates, write_estimates
-from beambench.hdf5_file import hdf5_output
+from beambench.captures.hdf5 import hdf5_output
 
 COUNT, SHAPE = 2, (6, 5)
 
@@ -42,7 +42,7 @@ import numpy as np
 from pathlib import Path
 from beambench import cli
 from beambench.scenes.errors import InputError
-from beambench.estimates import Estimates, write_estimates
+from beambench.captures.estimates import Estimates, write_estimates
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
 if sys.argv[2] == "export":
     sys.exit(cli.main(["export", sys.argv[3], "-o", sys.argv[4]]))
@@ -85,7 +85,7 @@ def test_blocks_that_were_refused_are_read_back() -> None:
     """After the first refusal the sink still answers HDF5 with what was written, so that it can close."""
     import io
 
-    from beambench.hdf5_file import _Sink
+    from beambench.captures.hdf5 import _Sink
 
     with open("/dev/full", "rb+", buffering=0) as full:
         assert isinstance(full, io.FileIO)

@@ -58,7 +58,7 @@ def test_the_export_holds_no_truth(exported: Path, store: Path) -> None:
         assert file["counts"].attrs["dims"] == "capture slice row col" and file["delay"].attrs["units"] == "s"
         text = exported.read_bytes()
         assert b"truth_" not in text
-        captures = beambench.captures.store.open_captures(store)
+        captures = beambench.captures.open_captures(store)
         for index, capture in enumerate(captures):
             assert (file["counts"][index] == capture["counts"].values).all()
             assert json.loads(file["rig"][index]) == json.loads(capture.attrs["rig"])

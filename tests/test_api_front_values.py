@@ -9,8 +9,9 @@ from importlib.metadata import requires
 
 import pytest
 
-from beambench import cli, verb_doctor
+from beambench import cli
 from beambench.console import score_records, whole
+from beambench.verbs import doctor as verb_doctor
 
 
 @pytest.mark.parametrize(

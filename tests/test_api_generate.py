@@ -206,7 +206,7 @@ def test_the_files_of_a_scene_are_recorded_and_compared_first(
 ) -> None:
     import hashlib
 
-    from beambench.captures.store import open_captures
+    from beambench.captures import open_captures
 
     path = tmp_path / "relief.zarr"
     grid = relief.with_name("relief.npy")
@@ -253,7 +253,7 @@ def test_the_same_scene_in_another_folder_gives_the_same_bits(relief: Path, tmp_
 
 
 def test_a_store_from_before_files_were_recorded_is_repeated(relief: Path, tmp_path: Path) -> None:
-    from beambench.captures.store import open_captures, write
+    from beambench.captures import open_captures, write
 
     beambench.generate(relief, overrides=SMALL, out=tmp_path / "now.zarr")
     capture = open_captures(tmp_path / "now.zarr")[0].load()

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import beambench
-from beambench import law_trial
-from beambench.estimator_laws import LAWS, check_laws
-from beambench.ranger_laws import check_ranger_laws
+from beambench.benchmarks.laws import trial as law_trial
+from beambench.benchmarks.laws.gated import LAWS, check_laws
+from beambench.benchmarks.laws.ranger import check_ranger_laws
 from beambench.scenes.errors import InputError
 
 _MODULE = """

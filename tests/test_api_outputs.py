@@ -14,11 +14,11 @@ import pytest
 
 import beambench
 from beambench import cli
-from beambench.benchmarks import kinds
-from beambench.benchmarks.kinds import Kind, verb_in
-from beambench.benchmarks.workplace import UNFINISHED, workplace
-from beambench.captures.store import write
-from beambench.estimator_laws import made_up_capture
+from beambench.benchmarks.folders import kinds
+from beambench.benchmarks.folders.kinds import Kind, verb_in
+from beambench.benchmarks.folders.workplace import UNFINISHED, workplace
+from beambench.benchmarks.laws.gated import made_up_capture
+from beambench.captures import write
 from beambench.scenes.errors import InputError
 
 ALL = [kinds.RUN, kinds.SWEEP, kinds.ESTIMATE, kinds.SCORE, kinds.REPRODUCE, kinds.BREAK, kinds.FIDELITY]
@@ -213,7 +213,7 @@ def test_estimates_are_resumed_and_replaced(store: Path, tmp_path: Path, monkeyp
         raise InputError("the disk is full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(beambench.estimates, "write_estimates", full)
+        patch.setattr(beambench.captures.estimates, "write_estimates", full)
         with pytest.raises(InputError, match="full"):
             beambench.estimate(store, ["peak"], out=out, overwrite=True)
     assert tree(out) == before, "the new is written before the old goes"
@@ -255,7 +255,7 @@ def test_a_bad_search_costs_nothing(option: dict[str, Any], tmp_path: Path, monk
 
 
 def test_an_interrupted_search_keeps_what_it_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from beambench.benchmarks import break_run
+    from beambench.benchmarks.search import break_run
 
     def answers(self: Any, candidate: Any, seed: int) -> dict[str, dict[str, Any]]:
         answers.calls += 1  # type: ignore[attr-defined]
@@ -276,7 +276,7 @@ def test_an_interrupted_search_keeps_what_it_judged(tmp_path: Path, monkeypatch:
 
 @pytest.mark.parametrize("verb", ["run", "sweep"])
 def test_only_what_was_begun_is_gone_on_with(verb: str, tmp_path: Path) -> None:
-    from beambench.benchmarks.suite import load_suite
+    from beambench.benchmarks.suites.suite import load_suite
 
     call = getattr(beambench, verb)
     with pytest.raises(InputError, match="needs the folder"):
@@ -325,8 +325,8 @@ def test_a_measurement_of_rungs_is_guarded(tmp_path: Path, capsys: pytest.Captur
 def test_a_picture_is_whole_or_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import OpenImageIO as oiio
 
-    from beambench.benchmarks import files
-    from beambench.generator import preview as drawing
+    from beambench.benchmarks.folders import files
+    from beambench.generator.preview import picture as drawing
 
     picture = np.random.default_rng(1).integers(0, 256, (7, 5, 3), dtype=np.uint8)
     monkeypatch.setattr(drawing, "preview", lambda scene, size: drawing.Preview(picture, 0.5, (0.0, 1.0, 0.0), True))
@@ -365,12 +365,12 @@ def test_the_command_line_tells_what_is_kept(
             plant(work, {"fidelity.csv": "x"})
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("beambench.benchmarks.fidelity.run_fidelity", noted)
+    monkeypatch.setattr("beambench.benchmarks.fidelity.run.run_fidelity", noted)
     assert cli.main(["fidelity", "-o", str(tmp_path / "f")]) == 130
     assert f"--resume and --out {tmp_path / 'f'}" in capsys.readouterr().err
 
     def ended(*scenes: Any, **options: Any) -> None:
         raise SystemExit(0)
 
-    monkeypatch.setattr("beambench.benchmarks.fidelity.run_fidelity", ended)
+    monkeypatch.setattr("beambench.benchmarks.fidelity.run.run_fidelity", ended)
     assert cli.main(["fidelity", "-o", str(tmp_path / "g")]) == 70

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import beambench
+from beambench.benchmarks.laws.ranger import RANGERS, check_ranger_laws, made_up_ranger
 from beambench.captures.validate import validate
-from beambench.ranger_laws import RANGERS, check_ranger_laws, made_up_ranger
 
 NAMES = [
     row["name"] for row in beambench.estimators_list() if row["origin"] == "built-in" and row["modality"] in RANGERS

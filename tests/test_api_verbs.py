@@ -76,7 +76,7 @@ def test_like_repeats_a_store(store: Path, tmp_path: Path, capsys: pytest.Captur
 
 
 def test_like_counts_what_differs(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from beambench.captures.store import open_captures, write
+    from beambench.captures import open_captures, write
 
     capture = open_captures(store)[0]
     counts = capture["counts"].values.copy()
@@ -133,7 +133,7 @@ def test_scores_of_estimates(scores: Path) -> None:
 
 def test_estimates_of_another_program_are_scored(store: Path, tmp_path: Path) -> None:
     """A file with the three datasets is enough; its truth is exact here, so the error is none."""
-    from beambench.captures.store import open_captures
+    from beambench.captures import open_captures
 
     truth = np.stack([capture["truth_range"].values for capture in open_captures(store)])
     with h5py.File(tmp_path / "oracle.h5", "w") as file:
@@ -188,7 +188,7 @@ def test_estimators_are_listed_with_sources() -> None:
 def test_check_holds_a_good_one_and_tells_a_bad_one(capsys: pytest.CaptureFixture[str]) -> None:
     import xarray as xr
 
-    from beambench.estimator_laws import LAWS, check_laws
+    from beambench.benchmarks.laws.gated import LAWS, check_laws
 
     assert all(result.holds for result in beambench.estimators_check("weighted-average"))
 
@@ -213,7 +213,7 @@ def test_a_new_estimator_works(tmp_path: Path) -> None:
     """The package that `new` writes keeps every law as it stands, and finds the range of the made-up stack."""
     import importlib.util
 
-    from beambench.estimator_laws import check_laws, made_up_capture
+    from beambench.benchmarks.laws.gated import check_laws, made_up_capture
 
     folder = beambench.estimators_new("my-median", out=tmp_path / "mine")
     assert sorted(path.name for path in folder.iterdir()) == [
@@ -290,7 +290,7 @@ def test_doctor() -> None:
 
 def test_doctor_without_a_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scoring works without Mitsuba, so its absence is a warning with the command that mends it."""
-    from beambench import verb_doctor
+    from beambench.verbs import doctor as verb_doctor
 
     real = verb_doctor._version
     monkeypatch.setattr(
@@ -304,7 +304,7 @@ def test_doctor_without_a_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_doctor_survives_a_backend_that_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong libLLVM kills the process that loads it: the trial's, not the doctor's."""
-    from beambench import verb_doctor
+    from beambench.verbs import doctor as verb_doctor
 
     monkeypatch.setattr(verb_doctor, "_PROBE", "import os; os.abort()")
     assert verb_doctor._rendering().state == "broken"

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.bounds.bayes import posterior_bound, posterior_square
-from beambench.benchmarks.bounds.check import gaussian_stack
 from beambench.benchmarks.bounds.dispatch import bound_of
 from beambench.benchmarks.bounds.scan import elements_of
-from beambench.benchmarks.bounds.written import written_capture
+from beambench.benchmarks.checks.bounds import gaussian_stack
+from beambench.benchmarks.written.gated import written_capture
 from beambench.scenes.load import load_scene
 
 

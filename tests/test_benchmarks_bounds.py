@@ -11,12 +11,14 @@ import pytest
 
 from beambench.benchmarks.bounds.gated import gated_bound
 from beambench.benchmarks.bounds.instrument import light_path, noise_model, true_scene
-from beambench.benchmarks.bounds.written import written_capture
-from beambench.optics import correlation, fisher, waveforms
+from beambench.benchmarks.written.gated import written_capture
 from beambench.optics.constants import C_M_PER_S, FWHM_PER_SIGMA
-from beambench.scenes.declare import group_index, optics_gate, optics_pulse
+from beambench.optics.correlation import response as correlation
+from beambench.optics.correlation import waveforms
+from beambench.optics.likelihood import fisher
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index, optics_gate, optics_pulse
 from beambench.scenes.scene import Scene
 
 ROWS, COLS = 4, 6

@@ -12,9 +12,9 @@ import xarray as xr
 
 import beambench
 from beambench.benchmarks.bounds.dispatch import bound_of
+from beambench.captures import write
 from beambench.captures.build import make_capture
-from beambench.captures.schema import modality_schema
-from beambench.captures.store import write
+from beambench.captures.layouts.schema import modality_schema
 from beambench.generator.generate import generate
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene

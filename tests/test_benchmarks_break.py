@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beambench.benchmarks.break_check import PlantedJudge, check_search, holds, planted_regions
-from beambench.benchmarks.break_run import break_estimator
-from beambench.benchmarks.break_shrink import minimal_axes, shrink
-from beambench.benchmarks.break_space import SPACE, Candidate, dimensions_of, draw, ends, mutate
-from beambench.benchmarks.breaker import search_and_shrink, suite_text
-from beambench.benchmarks.planted import DIMENSIONS, region_text, registered
+from beambench.benchmarks.checks.breaking import PlantedJudge, check_search, holds, planted_regions
+from beambench.benchmarks.checks.planted import DIMENSIONS, region_text, registered
 from beambench.benchmarks.run import run_suite
-from beambench.benchmarks.stress import AXES, stressed
-from beambench.benchmarks.suite import load_suite
+from beambench.benchmarks.search.break_run import break_estimator
+from beambench.benchmarks.search.breaker import search_and_shrink, suite_text
+from beambench.benchmarks.search.shrink import minimal_axes, shrink
+from beambench.benchmarks.search.space import SPACE, Candidate, dimensions_of, draw, ends, mutate
+from beambench.benchmarks.suites.stress import AXES, stressed
+from beambench.benchmarks.suites.suite import load_suite
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 

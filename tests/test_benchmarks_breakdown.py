@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beambench.benchmarks.bench import Answer, trials_of
-from beambench.benchmarks.breakdown import BREAKDOWN_COLUMNS, breakdown_row, change_in_bounds, map_rows
-from beambench.benchmarks.breakdown_check import KINDS, Kind, check_captures, check_maps, trials_at
-from beambench.benchmarks.failure_map import EdgeMap, Point, is_log, isotonic, refine_axis, refine_grid
-from beambench.benchmarks.failure_rate import Dispersion, Trial, dispersion, failure_rate, mode_of, rate_bounds
-from beambench.benchmarks.report_breakdown import breakdown_table, page_section, read_breakdown
-from beambench.benchmarks.runner import Job, Outcome
-from beambench.benchmarks.score import Bound, Truth
+from beambench.benchmarks.checks.breakdown import KINDS, Kind, check_captures, check_maps, trials_at
+from beambench.benchmarks.report.breakdown import breakdown_table, page_section, read_breakdown
+from beambench.benchmarks.runner.session import Job, Outcome
+from beambench.benchmarks.scores.score import Bound, Truth
+from beambench.benchmarks.search.bench import Answer, trials_of
+from beambench.benchmarks.search.breakdown import BREAKDOWN_COLUMNS, breakdown_row, change_in_bounds, map_rows
+from beambench.benchmarks.search.failure_map import EdgeMap, Point, is_log, isotonic, refine_axis, refine_grid
+from beambench.benchmarks.search.failure_rate import Dispersion, Trial, dispersion, failure_rate, mode_of, rate_bounds
 from beambench.scenes.errors import InputError
 
 N = 576
@@ -250,7 +250,7 @@ def test_a_sweep_end_to_end(tmp_path: Path) -> None:
 def test_a_broken_sweep_is_resumed_and_each_condition_is_swept(tmp_path: Path) -> None:
     """Half of the journal is enough: what it holds is not measured again, and the tables are the same bytes."""
     from beambench import sweep
-    from beambench.benchmarks.bench import Bench
+    from beambench.benchmarks.search.bench import Bench
 
     small = {"scene": "flat-wall", "overrides": {"rig.camera.rows": 8, "rig.camera.cols": 8}}
     suite = {

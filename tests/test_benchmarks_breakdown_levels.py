@@ -9,8 +9,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.breakdown_levels import LEVEL_COLUMNS, breaking_level, level_rows, main, markdown
-from beambench.benchmarks.score import COLUMNS
+from beambench.benchmarks.scores.score import COLUMNS
+from beambench.benchmarks.search.breakdown_levels import LEVEL_COLUMNS, breaking_level, level_rows, main, markdown
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,16 @@ import json
 import numpy as np
 import pytest
 
-from beambench.benchmarks.calibrate import Calibrations, calibrated_rig, record_gate, record_pulse
-from beambench.benchmarks.suite import Cell, cells_of, load_suite
-from beambench.benchmarks.suite_spec import Calibration
+from beambench.benchmarks.judges.calibrate import Calibrations, calibrated_rig, record_gate, record_pulse
+from beambench.benchmarks.suites.spec import Calibration
+from beambench.benchmarks.suites.suite import Cell, cells_of, load_suite
 from beambench.estimators.calibration.response import gate_from_scan, pulse_from_trace
 from beambench.estimators.response import correlate_samples
-from beambench.optics import correlation, waveforms
 from beambench.optics.constants import C_M_PER_S
-from beambench.scenes.declare import declared_rig
+from beambench.optics.correlation import response as correlation
+from beambench.optics.correlation import waveforms
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import declared_rig
 
 STEP = 1e-11
 GAUSSIAN = waveforms.GaussianPulse(1e-9)

@@ -1,6 +1,6 @@
 """Estimators against the exact bound in regular cells, and maximum likelihood against Ziv-Zakai where there are none.
 
-The tables are printed by `python -m beambench.benchmarks.bounds.efficiency` and `.rectangular`; here are parts of them.
+The tables are printed by `python -m beambench.benchmarks.checks.efficiency` and `.rectangular`; here are parts of them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beambench.benchmarks.bounds.efficiency import (
+from beambench.benchmarks.checks.efficiency import (
     CELLS,
     COLUMNS,
     LIKELIHOOD,
@@ -24,11 +24,11 @@ from beambench.benchmarks.bounds.efficiency import (
     measured,
     threshold_photons,
 )
-from beambench.benchmarks.bounds.rectangular import rectangular_row
-from beambench.benchmarks.bounds.written import drawn_counts, response_area_s, written_capture
+from beambench.benchmarks.checks.rectangular import rectangular_row
+from beambench.benchmarks.written.gated import drawn_counts, response_area_s, written_capture
 from beambench.estimators import list_estimators
-from beambench.optics.likelihood import pmf
-from beambench.optics.likelihood_model import NoiseModel
+from beambench.optics.likelihood.model import NoiseModel
+from beambench.optics.likelihood.sample import pmf
 from beambench.scenes.scene import gated_rig
 
 REDUCED = [
@@ -140,7 +140,7 @@ def test_written_counts_follow_the_likelihood_and_echoes_hold_their_photons() ->
 
 
 def test_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from beambench.benchmarks.bounds import efficiency
+    from beambench.benchmarks.checks import efficiency
 
     monkeypatch.setattr(efficiency, "CELLS", (Cell("gaussian", 1e3, 0.1, 0.4),))
     monkeypatch.setattr(efficiency, "REGISTRY", ("peak",))

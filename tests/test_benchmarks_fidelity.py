@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks import fidelity
-from beambench.benchmarks.fidelity import COLUMNS, read_rows, run_fidelity
-from beambench.benchmarks.fidelity_chart import chart_points
-from beambench.benchmarks.fidelity_family import MEDIA, SHAPES, STRATA, draw_scene, family
-from beambench.benchmarks.fidelity_measure import measure_scene, verdict
-from beambench.benchmarks.fidelity_rules import decisions, policy_rows, summarise
-from beambench.generator.choose_error import replicate_error, stack_error, task_error
-from beambench.generator.trace import Tracer
+from beambench.benchmarks.fidelity import run as fidelity
+from beambench.benchmarks.fidelity.chart import chart_points
+from beambench.benchmarks.fidelity.family import MEDIA, SHAPES, STRATA, draw_scene, family
+from beambench.benchmarks.fidelity.measure import measure_scene, verdict
+from beambench.benchmarks.fidelity.rules import decisions, policy_rows, summarise
+from beambench.benchmarks.fidelity.run import COLUMNS, read_rows, run_fidelity
+from beambench.generator.gated.error import replicate_error, stack_error, task_error
+from beambench.generator.rays.trace import Tracer
 from beambench.scenes.errors import InputError
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from beambench.benchmarks.front import (
+from beambench.benchmarks.statistics.front import (
     classify,
     front,
     interval_order,

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.inference_bootstrap import MIN_SCENES, studentised
-from beambench.benchmarks.inference_check import Kind, check, synthetic
-from beambench.benchmarks.inference_pairs import holm, pairwise, pairwise_p
-from beambench.benchmarks.inference_profiles import performance_profiles
-from beambench.benchmarks.inference_ranking import compare_estimators, score_matrix
-from beambench.benchmarks.inference_rates import clustered_interval, wilson_interval
-from beambench.benchmarks.inference_tables import inference_tables
-from beambench.benchmarks.score import Bound, Truth, score_rows
-from beambench.benchmarks.tables import to_csv, write_tables
+from beambench.benchmarks.checks.intervals import Kind, check, synthetic
+from beambench.benchmarks.scores.score import Bound, Truth, score_rows
+from beambench.benchmarks.scores.tables import to_csv, write_tables
+from beambench.benchmarks.statistics.bootstrap import MIN_SCENES, studentised
+from beambench.benchmarks.statistics.pairs import holm, pairwise, pairwise_p
+from beambench.benchmarks.statistics.profiles import performance_profiles
+from beambench.benchmarks.statistics.ranking import compare_estimators, score_matrix
+from beambench.benchmarks.statistics.rates import clustered_interval, wilson_interval
+from beambench.benchmarks.statistics.tables import inference_tables
 from beambench.scenes.errors import InputError
 
 BENCHMARKS = 2000
@@ -288,7 +288,7 @@ def test_tables_of_two_contracts_are_not_compared(tmp_path: Path, capsys: pytest
     import json
 
     from beambench import cli
-    from beambench.benchmarks.record import TABLES_VERSION
+    from beambench.benchmarks.folders.record import TABLES_VERSION
 
     for name, record in (("old", {"suite": "s"}), ("new", {"suite": "s", "tables_version": TABLES_VERSION})):
         (tmp_path / name).mkdir()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import beambench
-from beambench.benchmarks.estimator_labels import check_estimators
+from beambench.benchmarks.runner.estimator_labels import check_estimators
 from beambench.scenes.errors import InputError
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.bounds.dispatch import cramer_rao_bound
-from beambench.benchmarks.score import failure_limit
-from beambench.benchmarks.stress import stressed
-from beambench.benchmarks.suite import load_suite
+from beambench.benchmarks.scores.score import failure_limit
+from beambench.benchmarks.suites.stress import stressed
+from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
 from beambench.generator.generate import generate

@@ -13,10 +13,10 @@ import pytest
 from beambench.benchmarks.bounds.amcw import amcw_bound
 from beambench.benchmarks.bounds.dispatch import bound_of
 from beambench.benchmarks.bounds.waveform import profiled_sigma, waveform_bound
-from beambench.benchmarks.calibrate import calibrated_rig
+from beambench.benchmarks.judges.calibrate import calibrated_rig
 from beambench.benchmarks.run import run_suite
-from beambench.benchmarks.suite import load_suite
-from beambench.benchmarks.suite_spec import Calibration
+from beambench.benchmarks.suites.spec import Calibration
+from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures.example import example_capture
 from beambench.generator.generate import generate
 from beambench.optics.constants import C_M_PER_S

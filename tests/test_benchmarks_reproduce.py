@@ -30,9 +30,9 @@ from beambench.benchmarks.reproduce.ladar import ladar_rows
 from beambench.benchmarks.reproduce.rows import COLUMNS, VERDICTS, Row, judge_band, judge_exact, judge_trend
 from beambench.benchmarks.reproduce.run import ITEMS, OTHERS, all_rows, to_csv
 from beambench.benchmarks.reproduce.surfaces import figure_2_rows, peak_angle
-from beambench.optics.brdf_albedo import hemispherical_albedo
-from beambench.optics.brdf_chua import chua, chua_printed
 from beambench.optics.constants import C_M_PER_S
+from beambench.optics.reflection.albedo import hemispherical_albedo
+from beambench.optics.reflection.chua import chua, chua_printed
 from beambench.scenes.errors import InputError
 
 NAN = math.nan

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks import result_cache
-from beambench.benchmarks.estimator_labels import Chosen, check_estimators
-from beambench.benchmarks.result_cache import ResultCache, source_of
-from beambench.benchmarks.runner import Job, Outcome
+from beambench.benchmarks.runner import result_cache
+from beambench.benchmarks.runner.estimator_labels import Chosen, check_estimators
+from beambench.benchmarks.runner.result_cache import ResultCache, source_of
+from beambench.benchmarks.runner.session import Job, Outcome
 
 SUITE: dict[str, Any] = {
     "suite": "kept", "scenes": ["flat-wall"], "seeds": {"test": [1, 2]}, "estimators": ["peak", "weighted-average"],

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.output import Journal
+from beambench.benchmarks.folders.journal import Journal
 from beambench.benchmarks.run import RunResult, run_suite
-from beambench.benchmarks.score import COLUMNS
+from beambench.benchmarks.scores.score import COLUMNS
 from beambench.scenes.errors import InputError
 
 SMALL: dict[str, Any] = {
@@ -176,6 +176,6 @@ def test_an_interrupt_leaves_no_child_behind(plugins: None, tmp_path: Path) -> N
 
     with pytest.raises(KeyboardInterrupt):
         small(tmp_path / "a", progress=interrupt)
-    mine = [p for p in psutil.Process().children(recursive=True) if "beambench.benchmarks.child" in p.cmdline()]
+    mine = [p for p in psutil.Process().children(recursive=True) if "beambench.benchmarks.runner.child" in p.cmdline()]
     assert not mine
     assert len(Journal(tmp_path / "a", "x").done) == 1

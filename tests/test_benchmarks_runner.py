@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.protocol import (
+from beambench.benchmarks.runner.protocol import (
     RESULT,
     THREAD_VARIABLES,
     file_sums,
@@ -23,8 +23,8 @@ from beambench.benchmarks.protocol import (
     write_capture,
     write_meta,
 )
-from beambench.benchmarks.runner import Job, Outcome, run_jobs
-from beambench.benchmarks.suite_spec import Limits
+from beambench.benchmarks.runner.session import Job, Outcome, run_jobs
+from beambench.benchmarks.suites.spec import Limits
 
 ROWS, COLS, SLICES = 6, 5, 8
 

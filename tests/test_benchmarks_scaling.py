@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.bounds.propagate import Stage, carry, chain, nonlinearity, numerical_jacobian
-from beambench.benchmarks.scaling import Cost, fit_exponent, measure_scaling
+from beambench.benchmarks.checks.scaling import Cost, fit_exponent, measure_scaling
 from beambench.scenes.errors import InputError
 
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.score import COLUMNS, KEY, TIMES, Bound, Truth, errors_of, failure_limit, score_rows
-from beambench.benchmarks.statistics import block_bootstrap_ratio, block_ids
-from beambench.benchmarks.summary import summarise, wilson_interval
-from beambench.benchmarks.tables import read_rows, sort_rows, to_csv, write_tables
+from beambench.benchmarks.scores.score import COLUMNS, KEY, TIMES, Bound, Truth, errors_of, failure_limit, score_rows
+from beambench.benchmarks.scores.summary import summarise, wilson_interval
+from beambench.benchmarks.scores.tables import read_rows, sort_rows, to_csv, write_tables
+from beambench.benchmarks.statistics.pooled import block_bootstrap_ratio, block_ids
 
 CONTRACT = (
     "suite,scene,stress,level,stress2,level2,seed,condition,stage,estimator,params,modality,quantity,unit,n,coverage,"
@@ -280,8 +280,8 @@ def test_an_estimator_that_guesses_fails_at_half_of_all_elements_or_more(window:
 
 def test_peak_and_parabola_break_down_in_the_dark() -> None:
     from beambench.benchmarks.bounds.dispatch import bound_of
-    from beambench.benchmarks.bounds.written import written_capture
-    from beambench.benchmarks.score import truth_of
+    from beambench.benchmarks.scores.score import truth_of
+    from beambench.benchmarks.written.gated import written_capture
     from beambench.captures.hide import hide_truth
     from beambench.estimators import run_estimator
     from beambench.scenes.load import load_scene

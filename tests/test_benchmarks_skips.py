@@ -11,14 +11,14 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.costs import COST_COLUMNS, cost_interval, read_costs
-from beambench.benchmarks.error_tiles import read_tiles
-from beambench.benchmarks.estimator_labels import missing_package
-from beambench.benchmarks.report import write_report
-from beambench.benchmarks.report_data import read_scores
-from beambench.benchmarks.report_text import closing_lines
+from beambench.benchmarks.report.data import read_scores
+from beambench.benchmarks.report.page import write_report
+from beambench.benchmarks.report.text import closing_lines
 from beambench.benchmarks.run import run_suite
-from beambench.benchmarks.skips import not_applicable, skip_reason, skips_of
+from beambench.benchmarks.runner.estimator_labels import missing_package
+from beambench.benchmarks.scores.costs import COST_COLUMNS, cost_interval, read_costs
+from beambench.benchmarks.scores.error_tiles import read_tiles
+from beambench.benchmarks.scores.skips import not_applicable, skip_reason, skips_of
 from beambench.scenes.errors import InputError
 
 PLANTED = """

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.bench import Answer, trials_of
-from beambench.benchmarks.failure_rate import mode_of
-from beambench.benchmarks.front import paired_order, ratio_interval
-from beambench.benchmarks.score import Bound, Truth, score_rows
-from beambench.benchmarks.statistics import (
+from beambench.benchmarks.scores.score import Bound, Truth, score_rows
+from beambench.benchmarks.scores.summary import summarise
+from beambench.benchmarks.search.bench import Answer, trials_of
+from beambench.benchmarks.search.failure_rate import mode_of
+from beambench.benchmarks.statistics.front import paired_order, ratio_interval
+from beambench.benchmarks.statistics.pooled import (
     bias_is_real,
     block_bootstrap_ratio,
     block_ids,
     concentrated,
     weakest_kind,
 )
-from beambench.benchmarks.summary import summarise
 
 KEY: dict[str, Any] = {
     "suite": "s", "scene": "a", "stress": "none", "level": math.nan, "stress2": "none", "level2": math.nan, "seed": 1,

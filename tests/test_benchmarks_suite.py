@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from beambench.benchmarks.estimator_labels import check_estimators
-from beambench.benchmarks.kinds import RUN
-from beambench.benchmarks.output import Journal, default_folder
-from beambench.benchmarks.suite import capture_key, cells_of, list_suites, load_suite
-from beambench.benchmarks.workplace import output_folder, workplace
+from beambench.benchmarks.folders.journal import Journal, default_folder
+from beambench.benchmarks.folders.kinds import RUN
+from beambench.benchmarks.folders.workplace import output_folder, workplace
+from beambench.benchmarks.runner.estimator_labels import check_estimators
+from beambench.benchmarks.suites.suite import capture_key, cells_of, list_suites, load_suite
 from beambench.scenes.errors import InputError
 
 

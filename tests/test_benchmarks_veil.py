@@ -16,8 +16,8 @@ from beambench.benchmarks.bounds.waveform import waveform_bound
 from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, generate
 from beambench.optics.constants import C_M_PER_S
-from beambench.scenes.declare import group_index
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index
 from beambench.scenes.scene import Scene, amcw_rig, waveform_rig
 
 Float = NDArray[np.float64]

@@ -15,15 +15,15 @@ import xarray as xr
 from scipy.special import ndtr
 
 from beambench.benchmarks.bounds.bayes import posterior_bound
-from beambench.benchmarks.bounds.check import gaussian_stack, rectangular_stack
 from beambench.benchmarks.bounds.dispatch import bound_of, cramer_rao_bound
 from beambench.benchmarks.bounds.gated import gated_bound
 from beambench.benchmarks.bounds.regular import is_regular, threshold_bound, threshold_table
 from beambench.benchmarks.bounds.scan import elements_of
-from beambench.benchmarks.bounds.written import drawn_counts, written_capture
 from beambench.benchmarks.bounds.ziv_zakai import Arc, distances, local_bound, poisson_error, ziv_zakai
-from beambench.optics.fisher import information_table, tau_bound
-from beambench.optics.likelihood import NoiseModel, log_pmf
+from beambench.benchmarks.checks.bounds import gaussian_stack, rectangular_stack
+from beambench.benchmarks.written.gated import drawn_counts, written_capture
+from beambench.optics.likelihood.fisher import information_table, tau_bound
+from beambench.optics.likelihood.sample import NoiseModel, log_pmf
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 

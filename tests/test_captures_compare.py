@@ -13,8 +13,8 @@ import pytest
 
 from beambench.captures import compare_captures, compare_stores, write
 from beambench.captures.example import example_capture
+from beambench.captures.layouts.schema import MODALITIES
 from beambench.captures.provenance import cpu, provenance
-from beambench.captures.schema import MODALITIES
 from beambench.scenes.errors import InputError
 
 

@@ -15,8 +15,8 @@ import pytest
 
 from beambench.captures import finalize, open_captures, repair, verify, write
 from beambench.captures.example import example_capture
-from beambench.captures.manifest import load_manifest
-from beambench.captures.verification import chunk_problem
+from beambench.captures.store.manifest import load_manifest
+from beambench.captures.store.verification import chunk_problem
 from beambench.scenes.errors import InputError
 
 

@@ -13,7 +13,7 @@ import xarray as xr
 from beambench.captures import hide_truth, open_captures, write
 from beambench.captures.example import example_capture
 from beambench.captures.hide import VISIBLE_ATTRIBUTES, sealed
-from beambench.captures.schema import MODALITIES
+from beambench.captures.layouts.schema import MODALITIES
 
 MAGIC = 1234.5678901
 SECRETS = ["hush-scene", "hush-provenance", "hush-fidelity", "91827364554637281"]

@@ -186,8 +186,8 @@ UNPRIVILEGED = """
 import sys
 from beambench.captures import open_captures, write
 from beambench.captures.example import example_capture
-from beambench.captures.manifest import load_manifest
-from beambench.captures.verification import chunk_problem
+from beambench.captures.store.manifest import load_manifest
+from beambench.captures.store.verification import chunk_problem
 from beambench.scenes.errors import InputError
 try:
     write(sys.argv[1], example_capture("amcw"))
@@ -203,7 +203,7 @@ def test_a_folder_that_may_not_be_written(tmp_path: Path) -> None:
     if setpriv is None or os.geteuid() != 0:
         pytest.skip("taking another user's identity needs setpriv and root")
     command = [setpriv, "--reuid=65534", "--clear-groups", sys.executable, "-c"]
-    usable = subprocess.run([*command, "import beambench.captures.writer, zarr"], capture_output=True, cwd="/")
+    usable = subprocess.run([*command, "import beambench.captures.store.writer, zarr"], capture_output=True, cwd="/")
     if usable.returncode:
         pytest.skip("another user may not read this installation")
     with_rights = Path("/tmp") / f"beambench-refused-{os.getpid()}"

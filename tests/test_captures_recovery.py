@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from beambench import cli
-from beambench.captures import CaptureWriter, finalize, open_captures, repair, verification, verify, write
+from beambench.captures import CaptureWriter, finalize, open_captures, repair, verify, write
 from beambench.captures.example import example_capture
+from beambench.captures.store import verification
 from beambench.scenes.errors import InputError
 
 CHUNK = "counts/c.1.0.0.0"
@@ -133,7 +134,7 @@ def test_damaged_metadata_are_not_sent_to_repair(store: Path, capsys: pytest.Cap
 def test_reading_tells_a_missing_right_from_damage(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import errno
 
-    from beambench.captures import reader
+    from beambench.captures.store import reader
 
     captures = open_captures(store)
 

@@ -12,7 +12,7 @@ import xarray as xr
 
 from beambench.captures import make_capture
 from beambench.captures.example import example_capture
-from beambench.captures.schema import MODALITIES, SCHEMA_VERSION
+from beambench.captures.layouts.schema import MODALITIES, SCHEMA_VERSION
 from beambench.captures.validate import validate
 from beambench.scenes.errors import InputError
 

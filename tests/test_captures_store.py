@@ -16,9 +16,9 @@ import xarray as xr
 
 from beambench.captures import CaptureWriter, compare_captures, open_captures, verify, write
 from beambench.captures.example import example_capture
-from beambench.captures.layout import CHUNK_BYTES, chunk_keys, chunk_shape
-from beambench.captures.schema import MODALITIES
-from beambench.captures.status import status
+from beambench.captures.layouts.schema import MODALITIES
+from beambench.captures.store.arrays import CHUNK_BYTES, chunk_keys, chunk_shape
+from beambench.captures.store.status import status
 from beambench.scenes.errors import InputError
 
 

@@ -84,8 +84,8 @@ def test_a_function_gives_the_same_accuracy(suite: Path, folder: Path, tmp_path:
 
 
 def test_generate_makes_the_captures_of_a_run(suite: Path, tmp_path: Path, folder: Path) -> None:
+    from beambench.captures import open_captures
     from beambench.captures.compare import compare_captures
-    from beambench.captures.store import open_captures
 
     made = beambench.generate(suite, overrides={"rig.detector.read_noise_e": 3}, out=tmp_path / "captures")
     assert made.paths == [tmp_path / "captures" / "flat-wall.zarr"]
@@ -110,7 +110,7 @@ def test_light_is_kept_apart_on_request(tmp_path: Path, capsys: pytest.CaptureFi
     """`generate --truth-components` stores the four stacks, and repeating the store by its own records finds equal bits."""
     if importlib.util.find_spec("mitsuba") is None:
         pytest.skip("Mitsuba is not installed")
-    from beambench.captures.store import open_captures
+    from beambench.captures import open_captures
 
     out = tmp_path / "corner.zarr"
     small = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4", "--set", "rig.delays.count=4"]

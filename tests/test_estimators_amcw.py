@@ -103,7 +103,7 @@ def test_the_ladder_fails_as_its_phase_error_predicts() -> None:
     # P(wrong rung) = P(|phase error| > 18°) at 20 MHz, Gaussian phase noise from the sample variance.
     from math import erfc
 
-    from beambench.estimators.amcw_samples import phasors, read_samples
+    from beambench.estimators.amcw.samples import phasors, read_samples
 
     capture = made({"rig.shots": 4000, "rig.laser.power_w": 2.5e-5})
     found = phasors(read_samples(hide_truth(capture)))

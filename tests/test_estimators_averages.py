@@ -123,8 +123,8 @@ def test_the_printed_model_and_its_companion_differ_by_the_cosine() -> None:
 def test_the_model_s_angle_is_the_ray_s_where_the_beam_fills_the_field() -> None:
     # Eq. 12 is linear in ρ and tan is not: with the cone's edge at f·tan φ the model's angle exceeds the ray's by at most
     # φ − arctan(ρ tan φ/ρ_max) ... < φ³/(9√3)·2 to third order, .3 mrad at φ = .1, and agrees at the centre and the edge.
-    from beambench.estimators.chua_2017 import model_angle
-    from beambench.estimators.stack import read_stack
+    from beambench.estimators.gated.chua_2017 import model_angle
+    from beambench.estimators.gated.tools.stack import read_stack
 
     shape = (201, 3)
     rig = GaussianRig(slices=4)

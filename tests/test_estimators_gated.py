@@ -264,7 +264,7 @@ def _with_truth(capture: xr.Dataset, tau: np.ndarray) -> xr.Dataset:  # type: ig
 
 
 def test_training_is_deterministic_and_helps(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    from beambench.estimators.train import fit, samples_of, train
+    from beambench.estimators.gated.train import fit, samples_of, train
 
     rng = np.random.default_rng(0)
     parts = []
@@ -295,7 +295,7 @@ def test_training_is_deterministic_and_helps(tmp_path) -> None:  # type: ignore[
 def test_shipped_weights_are_small_and_name_their_training() -> None:
     from importlib.resources import files
 
-    resource = files("beambench.estimators") / "library" / "learned.npz"
+    resource = files("beambench.estimators.gated") / "library" / "learned.npz"
     assert len(resource.read_bytes()) < 200_000
     with resource.open("rb") as file:
         data = np.load(file, allow_pickle=False)

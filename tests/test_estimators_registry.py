@@ -104,7 +104,7 @@ def test_unmarked_function_and_other_modality_are_refused() -> None:
 
 
 def test_good_plugin_runs_and_a_duplicate_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    here = "beambench.estimators.peak:peak"
+    here = "beambench.estimators.gated.peak:peak"
     monkeypatch.setattr(registry, "entry_points", lambda group: [EntryPoint("third", here, group)])
     registry._plugins_on.cache_clear()
     try:

@@ -18,9 +18,9 @@ import xarray as xr
 
 from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
 from beambench.estimators import get_estimator, list_estimators, run_estimator
-from beambench.optics.brdf_chua import chua_printed
+from beambench.optics.reflection.chua import chua_printed
 from beambench.scenes.errors import InputError
-from beambench.verb_estimators import estimators_check
+from beambench.verbs.estimators import estimators_check
 
 RIG = GaussianRig(offset_dn=20.0, gain_dn_per_e=2.0, read_noise_e=1.0)
 SHAPE = (3, 12)

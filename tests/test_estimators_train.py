@@ -10,7 +10,7 @@ import pytest
 
 import beambench
 from beambench import cli
-from beambench.benchmarks.suite import load_suite
+from beambench.benchmarks.suites.suite import load_suite
 from beambench.estimators import run_estimator
 from beambench.scenes.errors import InputError
 
@@ -79,7 +79,7 @@ def test_bad_parameters_are_told_before_data_are_read(tmp_path: Path, bad: dict[
 
 
 def test_weights_that_cannot_be_written_leave_the_old_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from beambench.estimators import train
+    from beambench.estimators.gated import train
 
     out = tmp_path / "w.npz"
     out.write_bytes(b"old")

@@ -13,9 +13,9 @@ from beambench.captures.validate import validate
 from beambench.generator.generate import generate
 from beambench.optics.amcw import correlation_sample
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
-from beambench.scenes.declare import group_index
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index
 from beambench.scenes.scene import amcw_rig
 
 PENCIL: dict[str, Any] = {

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.generator import echo, footprint, path_world
+from beambench.generator.paths import world as path_world
+from beambench.generator.ranger import footprint
+from beambench.generator.rays import echo
 from beambench.optics import illumination
 from beambench.scenes.load import load_scene
-from beambench.scenes.rig import Illumination
+from beambench.scenes.rigs.gated import Illumination
 from beambench.scenes.scene import gated_rig
 
 OFFSET = (0.31, -0.22)
@@ -46,9 +48,9 @@ def test_echo_footprint_and_path_tracer_agree_with_it() -> None:
 
 
 def test_the_brightest_pixel_and_the_brightest_veil_lie_on_it() -> None:
-    from beambench.generator.direct import gate_tables
+    from beambench.generator.gated.direct import gate_tables
     from beambench.generator.generate import slice_coordinates, slice_settings
-    from beambench.generator.scatter_ramp import backscatter_electrons
+    from beambench.generator.water.ramp import backscatter_electrons
 
     changes = {
         "rig.laser.illumination": {"profile": "gaussian", "half_angle_rad": 0.06, "offset_rad": list(OFFSET)},

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beambench.generator.backend import mitsuba
-from beambench.generator.bsdf_plugin import mitsuba_bsdf
-from beambench.generator.echo import response
-from beambench.optics.brdf_albedo import hemispherical_albedo
-from beambench.optics.brdf_angles import angles
+from beambench.generator.bsdf.plugin import mitsuba_bsdf
+from beambench.generator.rays.backend import mitsuba
+from beambench.generator.rays.echo import response
+from beambench.optics.reflection.albedo import hemispherical_albedo
+from beambench.optics.reflection.angles import angles
 from beambench.scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
 
 Float = NDArray[np.float64]

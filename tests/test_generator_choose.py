@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.generator.choose import choose, pilot_scene
-from beambench.generator.choose_ranger import ranger_sizes
+from beambench.generator.gated.choose import choose, pilot_scene
 from beambench.generator.generate import generate
+from beambench.generator.ranger.choose import ranger_sizes
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig

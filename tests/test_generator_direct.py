@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.special import erf
 
-from beambench.benchmarks.fidelity_family import draw_scene
-from beambench.generator.direct import DirectScene, gate_tables, render_direct
-from beambench.generator.returns import Returns, gather_returns, render_stack
-from beambench.generator.trace import Tracer, pixel_directions
-from beambench.scenes.declare import group_index
+from beambench.benchmarks.fidelity.family import draw_scene
+from beambench.generator.gated.direct import DirectScene, gate_tables, render_direct
+from beambench.generator.rays.returns import Returns, gather_returns, render_stack
+from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index
 from beambench.scenes.scene import Scene
 
 C = 299_792_458.0
@@ -174,7 +174,7 @@ def test_sub_pixel_rays_reach_the_error_asked_for(name: str, rtol: float) -> Non
 
     The plan aims at ε = rtol from neighbours alone; a factor 1.5 covers its statistics on one small picture.
     """
-    from beambench.generator.echo import echoes
+    from beambench.generator.rays.echo import echoes
 
     small = {"rig.camera.rows": 48, "rig.camera.cols": 48, "rig.camera.focal_length_m": 1.5e-3}
     scene = load_scene(name, small)
@@ -325,8 +325,8 @@ def test_rtol_holds_on_drawn_scenes_in_air(tmp_path: Path) -> None:
 
 
 def _many_rays(scene: Scene, count: int) -> Float:
-    from beambench.generator.echo import echoes
-    from beambench.generator.subsampling import lattice
+    from beambench.generator.rays.echo import echoes
+    from beambench.generator.rays.subsampling import lattice
 
     camera, tracer = scene.rig.camera, Tracer(scene)
     row, col = (a.ravel()[:, None] for a in np.mgrid[: camera.rows, : camera.cols])

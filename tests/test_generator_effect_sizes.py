@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.fidelity_family import draw_scene, family
-from beambench.generator import scatter
-from beambench.generator.choose import choose
+from beambench.benchmarks.fidelity.family import draw_scene, family
+from beambench.generator.gated import scatter
+from beambench.generator.gated.choose import choose
+from beambench.generator.gated.scatter_size import delay_size, outside_size
 from beambench.generator.generate import expected_electrons, slice_coordinates, slice_settings
-from beambench.generator.returns import Returns, depth_of_pixels
-from beambench.generator.scatter_delays import Delays
-from beambench.generator.scatter_size import delay_size, outside_size
+from beambench.generator.rays.returns import Returns, depth_of_pixels
+from beambench.generator.water.delays import Delays
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene
 

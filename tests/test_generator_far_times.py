@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beambench.generator.returns import Returns, render_stack
-from beambench.optics.correlation import tabulate
-from beambench.optics.waveforms import GaussianPulse, RectangularGate
+from beambench.generator.rays.returns import Returns, render_stack
+from beambench.optics.correlation.response import tabulate
+from beambench.optics.correlation.waveforms import GaussianPulse, RectangularGate
 
 
 def test_times_beyond_single_precision_and_no_times_show_nothing() -> None:

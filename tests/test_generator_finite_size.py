@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.generator.choose import choose
-from beambench.generator.direct import render_direct
-from beambench.generator.effects import catalogue
-from beambench.generator.finite_size import defocus_size, finite_size, lamp_size
-from beambench.generator.full import Limits, Slices, render_remainder
+from beambench.generator.gated.choose import choose
+from beambench.generator.gated.direct import render_direct
+from beambench.generator.gated.effects import catalogue
+from beambench.generator.gated.finite_size import defocus_size, finite_size, lamp_size
+from beambench.generator.gated.full import Limits, Slices, render_remainder
 from beambench.generator.generate import expected_electrons, generate, slice_coordinates
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beambench.generator.direct import render_direct
-from beambench.generator.full import Limits, Remainder, render_remainder
+from beambench.generator.gated.direct import render_direct
+from beambench.generator.gated.full import Limits, Remainder, render_remainder
 from beambench.generator.generate import expected_electrons, generate
-from beambench.generator.trace import pixel_directions
+from beambench.generator.rays.trace import pixel_directions
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.generator.direct import gate_tables
+from beambench.generator.gated.direct import gate_tables
 from beambench.generator.generate import generate
-from beambench.generator.returns import Returns, render_stack
-from beambench.generator.scatter_ramp import backscatter_electrons
-from beambench.optics import waveforms
-from beambench.optics.correlation import correlation, tabulate
-from beambench.optics.likelihood import pmf
-from beambench.optics.likelihood_model import NoiseModel
-from beambench.scenes.declare import declared_rig
+from beambench.generator.rays.returns import Returns, render_stack
+from beambench.generator.water.ramp import backscatter_electrons
+from beambench.optics.correlation import waveforms
+from beambench.optics.correlation.response import correlation, tabulate
+from beambench.optics.likelihood.model import NoiseModel
+from beambench.optics.likelihood.sample import pmf
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import declared_rig
 from beambench.scenes.scene import Scene, gated_rig
 
 WATER: dict[str, Any] = {

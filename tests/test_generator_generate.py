@@ -124,7 +124,7 @@ def test_several_gates_and_a_gate_map() -> None:
     signal = (capture.truth_electrons - capture.truth_background).values
     assert capture.sizes["slice"] == 128
     assert np.allclose(signal[64:], 0.5 * signal[:64], rtol=1e-5, atol=1e-3)
-    from beambench.optics.gate_maps import gate_offset_map
+    from beambench.optics.correlation.gate_maps import gate_offset_map
 
     flat = generate(load_scene("flat-wall", SMALL), seed=1, truth_electrons=True)
     calm = (flat.truth_electrons - flat.truth_background).values

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beambench.generator.trace import Tracer, pixel_directions
+from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.scenes.load import load_scene
 from beambench.scenes.meshes import shape_mesh
 from beambench.scenes.scene import Scene
@@ -85,7 +85,7 @@ def test_an_exception_inside_mitsuba_is_an_exception_here() -> None:
     import sys
 
     code = (
-        "import numba, scipy.special\nfrom beambench.generator.backend import mitsuba\nmi = mitsuba()\n"
+        "import numba, scipy.special\nfrom beambench.generator.rays.backend import mitsuba\nmi = mitsuba()\n"
         "try:\n    mi.load_dict({'type': 'scene', 'x': {'type': 'no-such-plugin'}})\n"
         "except Exception as error:\n    print('caught', type(error).__name__)\n"
     )

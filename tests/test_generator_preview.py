@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from beambench.cli import main
-from beambench.generator.direct import render_direct
+from beambench.generator.gated.direct import render_direct
 from beambench.optics import colorimetry
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig
@@ -53,7 +53,7 @@ def box() -> Scene:
 
 @pytest.mark.parametrize("name", ["tilted-wall", "step", "sphere", "object1", "panel", "relief-tank", "box", "torus"])
 def test_an_independent_rasteriser_sees_the_same_surfaces_at_the_same_depth(name: str, tmp_path: Path) -> None:
-    from beambench.generator.raster import RasterView, rasterise
+    from beambench.generator.preview.raster import RasterView, rasterise
 
     scene = torus(tmp_path) if name == "torus" else box() if name == "box" else load_scene(name)
     camera = gated_rig(scene).camera
@@ -86,7 +86,7 @@ def test_an_independent_rasteriser_sees_the_same_surfaces_at_the_same_depth(name
 
 
 def test_nothing_ahead_gives_an_empty_view() -> None:
-    from beambench.generator.raster import RasterView, rasterise
+    from beambench.generator.preview.raster import RasterView, rasterise
 
     shape = load_scene("flat-wall").target[0].shape.model_copy(update={"center_m": (0.0, 0.0, -3.0)})
     scene = load_scene("flat-wall")
@@ -134,7 +134,7 @@ def test_a_preview_is_a_picture_in_the_lasers_colour(
 
 @pytest.mark.parametrize("name", ["counter", "amcw", "panel"])
 def test_every_modality_can_be_drawn(name: str) -> None:
-    from beambench.generator.preview import preview
+    from beambench.generator.preview.picture import preview
 
     drawn = preview(load_scene(name), 64)
     assert drawn.picture.dtype == np.uint8 and max(drawn.picture.shape) == 64
@@ -142,7 +142,7 @@ def test_every_modality_can_be_drawn(name: str) -> None:
 
 
 def test_a_bistatic_laser_casts_a_shadow() -> None:
-    from beambench.generator.preview import preview
+    from beambench.generator.preview.picture import preview
 
     aside: dict[str, Any] = {"rig.laser.position_m": [1.5, 0.0, 0.0], "rig.laser.illumination.half_angle_rad": 0.8}
     picture = preview(load_scene("sphere", aside), 128).picture.astype(int)
@@ -153,7 +153,7 @@ def test_a_bistatic_laser_casts_a_shadow() -> None:
 
 
 def test_a_texture_is_seen(tmp_path: Path) -> None:
-    from beambench.generator.preview import preview
+    from beambench.generator.preview.picture import preview
 
     np.save(tmp_path / "halves.npy", np.tile([1.0] * 8 + [0.0] * 8, (2, 1)))
     texture = {"file": str(tmp_path / "halves.npy"), "encoding": "linear"}

@@ -13,19 +13,19 @@ from scipy.integrate import quad
 from scipy.special import expn
 
 from beambench.captures.validate import validate
-from beambench.generator.footprint import Ranger
 from beambench.generator.generate import GenerationWarning, generate
-from beambench.generator.ranger_scatter import backscatter_ramp, forward_gain
-from beambench.generator.scatter_ramp import beam_edge, beam_profile
-from beambench.generator.trace import Tracer
-from beambench.optics import detector_response, waveforms
+from beambench.generator.ranger.footprint import Ranger
+from beambench.generator.ranger.scatter import backscatter_ramp, forward_gain
+from beambench.generator.rays.trace import Tracer
+from beambench.generator.water.ramp import beam_edge, beam_profile
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
-from beambench.optics.phase_forms import phase_density
-from beambench.optics.scatter_beam import beam_halo
-from beambench.optics.scatter_halo import forward_share
-from beambench.scenes.declare import group_index
+from beambench.optics.correlation import detector_response, waveforms
+from beambench.optics.water.beam import beam_halo
+from beambench.optics.water.halo import forward_share
+from beambench.optics.water.phase_forms import phase_density
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index
 from beambench.scenes.scene import Scene, amcw_rig, waveform_rig
 
 FF = {"kind": "fournier-forand", "index": 1.10, "slope": 3.58}

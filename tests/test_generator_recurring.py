@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.generator import direct as module
-from beambench.generator.direct import render_direct
+from beambench.generator.gated import direct as module
+from beambench.generator.gated.direct import render_direct
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig
 

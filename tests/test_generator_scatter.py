@@ -12,20 +12,20 @@ import pytest
 import xarray as xr
 
 from beambench.captures.validate import validate
-from beambench.generator.direct import gate_tables, render_direct
+from beambench.generator.gated.direct import gate_tables, render_direct
+from beambench.generator.gated.scatter import phase_of, render_scatter
 from beambench.generator.generate import GenerationWarning, generate
-from beambench.generator.scatter import phase_of, render_scatter
-from beambench.generator.scatter_image import image_halo, pixel_shares
-from beambench.generator.scatter_ramp import backscatter_electrons, beam_profile, nearest_path_m
+from beambench.generator.water.image import image_halo, pixel_shares
+from beambench.generator.water.ramp import backscatter_electrons, beam_profile, nearest_path_m
 from beambench.optics import ladar
 from beambench.optics.constants import C_M_PER_S
-from beambench.optics.correlation import lookup
-from beambench.optics.phase_forms import FournierForand, HenyeyGreenstein, phase_density
-from beambench.optics.scatter_halo import forward_share, halo_spread
-from beambench.optics.scatter_single import coaxial_far_field, radiance_between
-from beambench.scenes.declare import group_index
+from beambench.optics.correlation.response import lookup
+from beambench.optics.water.halo import forward_share, halo_spread
+from beambench.optics.water.phase_forms import FournierForand, HenyeyGreenstein, phase_density
+from beambench.optics.water.single import coaxial_far_field, radiance_between
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index
 from beambench.scenes.scene import Scene, gated_rig
 
 INDEX = {"kind": "explicit", "phase": 1.34, "group": 1.36}
@@ -186,7 +186,7 @@ def test_the_bistatic_ramp_against_quadrature_on_single_rays() -> None:
     found = ramp(scene, delays, nothing, False)
     speed = C_M_PER_S / group_index(scene.medium, 532e-9)
     table = gate_tables(scene)[0]
-    from beambench.generator.trace import pixel_directions
+    from beambench.generator.rays.trace import pixel_directions
 
     def intensity(beam: Any) -> Any:
         theta = np.arctan2(np.hypot(beam[..., 0], beam[..., 1]), beam[..., 2])

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 
+from beambench.generator.gated.motion import moved
 from beambench.generator.generate import generate
-from beambench.generator.motion import moved
 from beambench.optics.constants import C_M_PER_S
-from beambench.optics.correlation import correlation
-from beambench.scenes.declare import group_index, optics_gate, optics_pulse
+from beambench.optics.correlation.response import correlation
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import group_index, optics_gate, optics_pulse
 from beambench.scenes.scene import Scene, gated_rig
 
 SMALL = {

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beambench.generator.backend import mitsuba
-from beambench.generator.direct import render_direct
-from beambench.generator.echo import textured_response
-from beambench.generator.full import Limits, Slices, render_remainder
+from beambench.generator.gated.direct import render_direct
+from beambench.generator.gated.full import Limits, Slices, render_remainder
 from beambench.generator.generate import expected_electrons, generate
-from beambench.generator.path_world import PathWorld
-from beambench.generator.trace import Tracer, pixel_directions
-from beambench.optics.brdf_angles import monostatic
+from beambench.generator.paths.world import PathWorld
+from beambench.generator.rays.backend import mitsuba
+from beambench.generator.rays.echo import textured_response
+from beambench.generator.rays.trace import Tracer, pixel_directions
+from beambench.optics.reflection.angles import monostatic
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig
 

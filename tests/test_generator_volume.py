@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beambench.generator.backend import mitsuba
-from beambench.generator.full import Limits, render_remainder
-from beambench.generator.path_phase import PhaseCells, free_path
-from beambench.generator.trace import pixel_directions
-from beambench.optics.phase_forms import FournierForand, HenyeyGreenstein, PhaseFunction, phase_density
+from beambench.generator.gated.full import Limits, render_remainder
+from beambench.generator.paths.phase import PhaseCells, free_path
+from beambench.generator.rays.backend import mitsuba
+from beambench.generator.rays.trace import pixel_directions
+from beambench.optics.water.phase_forms import FournierForand, HenyeyGreenstein, PhaseFunction, phase_density
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene, gated_rig
 
@@ -156,7 +156,7 @@ def test_cells_of_a_phase_function_keep_its_light(name: str) -> None:
     same = np.isclose(np.asarray(density.numpy()), np.asarray(cells.density(about, drawn).numpy()), rtol=0.1)
     assert same.mean() > 0.97
     cosine = np.asarray(mi.Vector3f(drawn).numpy()).T @ np.array([0.6, 0.0, 0.8])
-    from beambench.optics.phase_function import asymmetry
+    from beambench.optics.water.phase_function import asymmetry
 
     assert cosine.mean() == pytest.approx(asymmetry(phase), abs=4.5 * cosine.std() / np.sqrt(count) + 1e-5)
 
@@ -167,7 +167,7 @@ def test_spread_of_multiple_scatter() -> None:
     mi = mitsuba()
     import drjit as dr
 
-    from beambench.optics.phase_function import asymmetry
+    from beambench.optics.water.phase_function import asymmetry
 
     b, count, seeds = 2.0, 20_000, 30
     for phase in (HenyeyGreenstein(0.9), FournierForand(1.1, 3.58)):

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beambench.generator.backend import mitsuba
-from beambench.generator.bsdf_plugin import mitsuba_bsdf
-from beambench.generator.full import Limits, Remainder, render_remainder
-from beambench.generator.path_single import single_electrons
-from beambench.generator.path_world import PathWorld
+from beambench.generator.bsdf.plugin import mitsuba_bsdf
+from beambench.generator.gated.full import Limits, Remainder, render_remainder
+from beambench.generator.paths.single import single_electrons
+from beambench.generator.paths.world import PathWorld
+from beambench.generator.rays.backend import mitsuba
 from beambench.scenes.load import load_scene
 from beambench.scenes.materials import Lambert
 from beambench.scenes.scene import Scene, gated_rig
@@ -310,7 +310,7 @@ def test_against_mitransient() -> None:
     """Whole stacks in water (all light, their bins of σ/16) against ours with the direct rung: six and eight runs, t < 7
     over eight slices."""
     from beambench.benchmarks.peers.mitransient_volume import mitransient_reference
-    from beambench.generator.direct import render_direct
+    from beambench.generator.gated.direct import render_direct
     from beambench.generator.generate import expected_electrons
 
     scene = lit_wall(0.3, 0.5)

@@ -11,13 +11,14 @@ import pytest
 import xarray as xr
 
 from beambench.captures.validate import validate
-from beambench.generator.footprint import sunflower_cone
 from beambench.generator.generate import GenerationWarning, generate
-from beambench.optics import detector_response, pile_up, waveforms
+from beambench.generator.ranger.footprint import sunflower_cone
+from beambench.optics import pile_up
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
-from beambench.scenes.declare import declared_rig, group_index
+from beambench.optics.correlation import detector_response, waveforms
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.declare import declared_rig, group_index
 from beambench.scenes.scene import waveform_rig
 
 #: One ray's worth of beam: its footprint is flat and its echo a point's.
@@ -246,7 +247,7 @@ def test_impossible_rigs_are_refused_by_their_path(changes: dict[str, Any], wher
 
 
 def test_a_gated_function_refuses_a_waveform_scene() -> None:
-    from beambench.generator.direct import render_direct
+    from beambench.generator.gated.direct import render_direct
 
     with pytest.raises(InputError, match="gated"):
         render_direct(load_scene("counter"), 1e-2)

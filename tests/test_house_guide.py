@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from beambench.benchmarks.laws.gated import check_laws
 from beambench.captures.hide import hide_truth
-from beambench.estimator_laws import check_laws
 from beambench.generator.generate import generate
 from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.load import load_scene

@@ -15,7 +15,7 @@ import pytest
 
 CODE = """
 import json
-from beambench.generator.backend import load
+from beambench.generator.rays.backend import load
 told = load()
 mapped = sorted({line.split(maxsplit=5)[-1].strip() for line in open("/proc/self/maps") if "libLLVM" in line})
 import drjit as dr
@@ -79,7 +79,7 @@ def test_the_users_library_is_respected(wheel: dict[str, Path], tmp_path: Path) 
 
 def test_a_library_that_is_none_is_told(wheel: dict[str, Path], tmp_path: Path) -> None:
     """A wrong DRJIT_LIBLLVM_PATH ends in a message that names it, not in a crash or in silence."""
-    code = "from beambench.generator.backend import load\nload()"
+    code = "from beambench.generator.rays.backend import load\nload()"
     environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")}
     run = subprocess.run(
         [sys.executable, "-c", code],
@@ -99,7 +99,7 @@ def test_a_libllvm_that_is_too_old_is_refused_and_does_not_abort_later() -> None
     """Mitsuba imported first finds the system's library; 14 and 15 would end the process at some kernel."""
     code = (
         "import mitsuba, sys\n"
-        "from beambench.generator.backend import load\n"
+        "from beambench.generator.rays.backend import load\n"
         "from beambench.scenes.errors import InputError\n"
         "try:\n    found = load()['llvm_version']\n"
         "except InputError as error:\n    print('refused', 'before importing' in str(error) or 'no libLLVM' in str(error))\n"

@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from beambench.optics.brdf_albedo import albedo_limit, conserves_energy, hemispherical_albedo
-from beambench.optics.brdf_angles import Angles, Array, angles, monostatic
-from beambench.optics.brdf_chua import FIGURE_2_SURFACES, chua, chua_printed
-from beambench.optics.brdf_cook_torrance import cook_torrance, facet_density, schlick
-from beambench.optics.brdf_lambert import lambert
-from beambench.optics.brdf_phong import phong
+from beambench.optics.reflection.albedo import albedo_limit, conserves_energy, hemispherical_albedo
+from beambench.optics.reflection.angles import Angles, Array, angles, monostatic
+from beambench.optics.reflection.chua import FIGURE_2_SURFACES, chua, chua_printed
+from beambench.optics.reflection.cook_torrance import cook_torrance, facet_density, schlick
+from beambench.optics.reflection.lambert import lambert
+from beambench.optics.reflection.phong import phong
 
 Response = Callable[[Angles], Array]
 CHUA = {"k_s": 0.5, "k_d": 0.2, "slope": 0.4, "diffusivity": 1.5}

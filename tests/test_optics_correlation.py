@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import exponnorm
 
-from beambench.optics import correlation as c
-from beambench.optics import waveforms as w
+from beambench.optics.correlation import response as c
+from beambench.optics.correlation import waveforms as w
 
 Array = NDArray[np.float64]
 NS = 1e-9

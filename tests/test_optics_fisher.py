@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.optics.brdf_angles import Array
 from beambench.optics.constants import C_M_PER_S, FWHM_PER_SIGMA
-from beambench.optics.fisher import (
+from beambench.optics.likelihood.fisher import (
     information_table,
     range_bound,
     range_sigma,
     stack_information,
     tau_bound,
 )
-from beambench.optics.likelihood import NoiseModel, information, log_pmf
+from beambench.optics.likelihood.sample import NoiseModel, information, log_pmf
+from beambench.optics.reflection.angles import Array
 
 COUNTER = NoiseModel(0.0, 1.0, 0.0, 65535, 1e9)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.optics.gate_maps import gate_offset_map
+from beambench.optics.correlation.gate_maps import gate_offset_map
 
 
 def test_iris_and_skew() -> None:

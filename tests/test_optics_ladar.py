@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 from beambench.optics import ladar
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
-from beambench.optics.waveforms import GaussianPulse, RectangularGate, gate_area
+from beambench.optics.correlation.waveforms import GaussianPulse, RectangularGate, gate_area
 
 NS = 1e-9
 SYSTEM = {"system_efficiency": 0.6, "path_transmission": 0.8, "aperture_diameter_m": 0.05}

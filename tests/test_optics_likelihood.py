@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from beambench.optics.brdf_angles import Array
-from beambench.optics.fisher import moment_information, quadratic_information
-from beambench.optics.likelihood import NoiseModel, distribution, information, log_pmf, pmf, score
+from beambench.optics.likelihood.fisher import moment_information, quadratic_information
+from beambench.optics.likelihood.sample import NoiseModel, distribution, information, log_pmf, pmf, score
+from beambench.optics.reflection.angles import Array
 
 
 def _edges(noise: NoiseModel) -> Array:

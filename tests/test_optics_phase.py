@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.optics.phase_forms import (
+from beambench.optics.water.phase_forms import (
     FournierForand,
     HenyeyGreenstein,
     MolecularPhase,
@@ -14,7 +14,7 @@ from beambench.optics.phase_forms import (
     phase_cdf,
     phase_density,
 )
-from beambench.optics.phase_function import (
+from beambench.optics.water.phase_function import (
     asymmetry,
     backscatter_fraction,
     fournier_forand_of_backscatter,
@@ -23,7 +23,7 @@ from beambench.optics.phase_function import (
     phase_from_spec,
     phase_quantile,
 )
-from beambench.optics.water import water_optics
+from beambench.optics.water.types import water_optics
 from beambench.scenes import phase as specs
 
 PETZOLD = water_optics("petzold1972", "harbour", 532e-9).phase

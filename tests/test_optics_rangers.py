@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from beambench.optics import amcw, pile_up
-from beambench.optics import detector_response as dr
 from beambench.optics import time_of_flight as tof
 from beambench.optics.constants import C_M_PER_S
-from beambench.optics.pulses import (
+from beambench.optics.correlation import detector_response as dr
+from beambench.optics.correlation.pulses import (
     ExponentialPulse,
     GaussianPulse,
     RectangularPulse,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.optics.refraction import (
+from beambench.optics.water.refraction import (
     air_group_index,
     air_phase_index,
     quan_fry_index,

@@ -7,19 +7,19 @@ import pytest
 from scipy import integrate, stats
 
 from beambench.optics.illumination import flat_top_intensity, gaussian_intensity
-from beambench.optics.phase_forms import FournierForand, HenyeyGreenstein, MolecularPhase, phase_density
-from beambench.optics.phase_function import backscatter_fraction, phase_cells, phase_quantile
-from beambench.optics.scatter_beam import beam_halo, tabulate_beam_halo
-from beambench.optics.scatter_halo import forward_share, halo_spread, ring_transfer, softened_phase, wells_mtf
-from beambench.optics.scatter_single import (
+from beambench.optics.water.beam import beam_halo, tabulate_beam_halo
+from beambench.optics.water.halo import forward_share, halo_spread, ring_transfer, softened_phase, wells_mtf
+from beambench.optics.water.phase_forms import FournierForand, HenyeyGreenstein, MolecularPhase, phase_density
+from beambench.optics.water.phase_function import backscatter_fraction, phase_cells, phase_quantile
+from beambench.optics.water.single import (
     coaxial_far_field,
     coaxial_response,
     radiance_between,
     ray_geometry,
     single_scatter_response,
 )
-from beambench.optics.scatter_walk import mean_square_distance, transport_length
-from beambench.optics.water import water_optics
+from beambench.optics.water.types import water_optics
+from beambench.optics.water.walk import mean_square_distance, transport_length
 
 from ._single_scatter import pencil_to_plane, radiance_of_paths, ramp_after_forward_turns, turned
 

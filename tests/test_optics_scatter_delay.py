@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beambench.optics.phase_forms import FournierForand, HenyeyGreenstein
-from beambench.optics.scatter_delay import SHARES, delay_nodes, halo_ratio, single_turn_delay
-from beambench.optics.scatter_halo import forward_share
+from beambench.optics.water.delay import SHARES, delay_nodes, halo_ratio, single_turn_delay
+from beambench.optics.water.halo import forward_share
+from beambench.optics.water.phase_forms import FournierForand, HenyeyGreenstein
 
 OCEAN = FournierForand(1.1, 3.58)
 

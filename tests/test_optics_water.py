@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.optics import attenuation
-from beambench.optics.phase_forms import phase_cdf
-from beambench.optics.phase_function import asymmetry, backscatter_fraction
-from beambench.optics.water import WATER_SOURCES, water_optics, water_types
+from beambench.optics.water import attenuation
+from beambench.optics.water.phase_forms import phase_cdf
+from beambench.optics.water.phase_function import asymmetry, backscatter_fraction
+from beambench.optics.water.types import WATER_SOURCES, water_optics, water_types
 
 SEA = {"temperature_c": 15.0, "salinity_psu": 35.0, "depth_m": 0.0, "ph": 8.0}
 

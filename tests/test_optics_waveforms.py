@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beambench.optics import waveforms as w
-from beambench.optics.correlation import correlation, correlation_support
+from beambench.optics.correlation import waveforms as w
+from beambench.optics.correlation.response import correlation, correlation_support
 from beambench.scenes import waveforms as specs
 
 NS = 1e-9

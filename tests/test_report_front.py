@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.report import write_report
-from beambench.benchmarks.report_charts import speed_accuracy_spec
-from beambench.benchmarks.report_data import cells_of
-from beambench.benchmarks.report_front import mark_front
-from beambench.benchmarks.report_ranking import ranking_section
+from beambench.benchmarks.report.charts import speed_accuracy_spec
+from beambench.benchmarks.report.data import cells_of
+from beambench.benchmarks.report.front import mark_front
+from beambench.benchmarks.report.page import write_report
+from beambench.benchmarks.report.ranking import ranking_section
 from beambench.scenes.errors import InputError
 
 from . import _api_fixtures as made_up

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.report import write_report
+from beambench.benchmarks.report.page import write_report
 from beambench.scenes.errors import InputError
 
 from . import _api_fixtures as made_up

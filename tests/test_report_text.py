@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, range_limits
-from beambench.benchmarks.report_data import base_cells, cells_of, read_scores
-from beambench.benchmarks.report_front import mark_front
-from beambench.benchmarks.report_layout import log_domain, log_ticks, place_labels
-from beambench.benchmarks.report_text import closing_lines, number, rank, rate, summary, time_text
+from beambench.benchmarks.report.data import base_cells, cells_of, read_scores
+from beambench.benchmarks.report.front import mark_front
+from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
+from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, range_limits
+from beambench.benchmarks.report.text import closing_lines, number, rank, rate, summary, time_text
 
 from . import _api_fixtures as made_up
 

@@ -13,9 +13,9 @@ from beambench.cli import main
 from beambench.generator.generate import generate
 from beambench.optics import ambient, colorimetry
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
-from beambench.scenes.declare import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import LIBRARY, load_scene
+from beambench.scenes.rigs.declare import declared_rig
 from beambench.scenes.scene import Scene
 
 LIGHT: dict[str, Any] = {

@@ -132,7 +132,7 @@ def test_what_is_possible_is_not_refused() -> None:
 
 
 def test_a_scene_made_in_python_is_checked_when_it_is_traced() -> None:
-    from beambench.generator.trace import Tracer
+    from beambench.generator.rays.trace import Tracer
 
     scene = load_scene("sphere")
     near = scene.target[0].shape.model_copy(update={"center_m": (0.0, 0.0, 0.1)})

@@ -12,7 +12,7 @@ import pytest
 
 from beambench.cli import main
 from beambench.generator.generate import capture_key_of, generate
-from beambench.generator.trace import Tracer, pixel_directions
+from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import LIBRARY, load_scene
 from beambench.scenes.meshes import load_grid

@@ -1,1 +1,1 @@
-"""beambench."""
+"""Bounds: the least error that the physics of a capture allows."""

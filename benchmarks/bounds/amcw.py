@@ -17,12 +17,12 @@ import xarray as xr
 
 from ...optics.amcw import modulation_wavelength
 from ...optics.constants import C_M_PER_S
-from ...optics.fisher_table import information_table
-from ...optics.likelihood_model import NoiseModel
-from ...scenes.declare import group_index
-from ...scenes.rig_amcw import AmcwRig
+from ...optics.likelihood.fisher_table import information_table
+from ...optics.likelihood.model import NoiseModel
+from ...scenes.rigs.amcw import AmcwRig
+from ...scenes.rigs.declare import group_index
 from ...scenes.scene import amcw_rig
-from ..score import Bound
+from ..scores.score import Bound
 from .instrument import bounded, true_scene, unbounded
 from .waveform import profiled_sigma
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xarray as xr
 
 from ...scenes.errors import InputError
-from ..score import Bound
+from ..scores.score import Bound
 
 __all__ = ["SCORED", "bound_of", "cramer_rao_bound"]
 

@@ -23,13 +23,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ...optics import correlation
 from ...optics.constants import C_M_PER_S
-from ...optics.fisher_table import information_table
-from ...scenes.declare import group_index
-from ...scenes.rig import GatedRig
+from ...optics.correlation import response as correlation
+from ...optics.likelihood.fisher_table import information_table
+from ...scenes.rigs.declare import group_index
+from ...scenes.rigs.gated import GatedRig
 from ...scenes.scene import gated_rig
-from ..score import Bound
+from ..scores.score import Bound
 from .instrument import (
     bounded,
     gate_offsets,

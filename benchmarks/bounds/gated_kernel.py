@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...optics.hermite import hermite_slope, hermite_value
+from ...optics.correlation.hermite import hermite_slope, hermite_value
 from ...optics.jit import kernel
 
 __all__ = ["range_sigma"]

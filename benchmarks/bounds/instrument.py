@@ -15,16 +15,17 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ...optics import correlation, waveforms
 from ...optics.constants import C_M_PER_S
-from ...optics.likelihood_model import NoiseModel
-from ...scenes.declare import optics_gate, optics_pulse
+from ...optics.correlation import response as correlation
+from ...optics.correlation import waveforms
+from ...optics.likelihood.model import NoiseModel
 from ...scenes.errors import InputError
 from ...scenes.load import validate_spec
-from ...scenes.rig import GatedRig
+from ...scenes.rigs.declare import optics_gate, optics_pulse
+from ...scenes.rigs.gated import GatedRig
 from ...scenes.sampling import response_table
 from ...scenes.scene import Scene
-from ..score import Bound
+from ..scores.score import Bound
 
 __all__ = [
     "bounded", "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay",
@@ -162,7 +163,7 @@ def gate_offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
     """How much later a pixel's gate opens, s, (row, col)."""
     if rig.gate_map is None:
         return np.broadcast_to(np.float64(0.0), shape)
-    from ...optics.gate_maps import gate_offset_map
+    from ...optics.correlation.gate_maps import gate_offset_map
 
     return np.asarray(gate_offset_map(*shape, rig.gate_map.iris_s, rig.gate_map.skew_s), np.float64)
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ..score import Bound
+from ..scores.score import Bound
 from .scan import Elements, elements_of
 from .threshold import ThresholdTable, table_of, threshold_table
 

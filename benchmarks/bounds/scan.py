@@ -23,14 +23,15 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ...optics import correlation, waveforms
 from ...optics.constants import C_M_PER_S
-from ...optics.fisher_table import information_table
-from ...optics.likelihood_model import NoiseModel
-from ...scenes.declare import group_index
-from ...scenes.declare_waveform import shown_pulse
+from ...optics.correlation import response as correlation
+from ...optics.correlation import waveforms
+from ...optics.likelihood.fisher_table import information_table
+from ...optics.likelihood.model import NoiseModel
 from ...scenes.errors import InputError
-from ...scenes.rig_waveform import AnalogReadout
+from ...scenes.rigs.declare import group_index
+from ...scenes.rigs.declare_waveform import shown_pulse
+from ...scenes.rigs.waveform import AnalogReadout
 from ...scenes.scene import Scene, amcw_rig, gated_rig, waveform_rig
 from .amcw import amcw_noise, background_of
 from .instrument import (

@@ -168,7 +168,7 @@ def _parts(points: int, width: float) -> Int:
 
 
 def _table(scan: Scan):  # type: ignore[no-untyped-def]
-    from ...optics.fisher_table import information_table
+    from ...optics.likelihood.fisher_table import information_table
 
     assert scan.noise is not None
     return information_table(scan.noise)

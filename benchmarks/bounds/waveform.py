@@ -18,16 +18,17 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ...optics import pile_up, waveforms
+from ...optics import pile_up
 from ...optics.constants import C_M_PER_S
-from ...optics.correlation import Table, lookup, tabulate
-from ...optics.fisher_table import information_table
-from ...optics.likelihood_model import NoiseModel
-from ...scenes.declare import group_index
-from ...scenes.declare_waveform import shown_pulse
-from ...scenes.rig_waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
+from ...optics.correlation import waveforms
+from ...optics.correlation.response import Table, lookup, tabulate
+from ...optics.likelihood.fisher_table import information_table
+from ...optics.likelihood.model import NoiseModel
+from ...scenes.rigs.declare import group_index
+from ...scenes.rigs.declare_waveform import shown_pulse
+from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
 from ...scenes.scene import waveform_rig
-from ..score import Bound
+from ..scores.score import Bound
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 
 __all__ = ["analog_noise", "profiled_sigma", "waveform_bound"]

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...optics.fisher_table import InformationTable
+from ...optics.likelihood.fisher_table import InformationTable
 
 __all__ = [
     "REACHED", "REGULAR", "Arc", "LocalBound", "curvature", "distances", "local_bound", "poisson_error", "ziv_zakai",

@@ -1,1 +1,1 @@
-"""beambench."""
+"""Comparisons with other programs: speed at equal error, and agreement."""

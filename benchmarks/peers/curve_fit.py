@@ -25,9 +25,9 @@ Float = npt.NDArray[np.float64]
 
 def starts(rig: GaussianRig, counts: npt.NDArray[Any]) -> Float:
     """A matched filter's start (τ [ns], A, B) of every pixel, (row, col, 3): that of the estimator's general path."""
-    from ...estimators.design import design_of
-    from ...estimators.poisson_fit import start
-    from ...estimators.stack import read_stack
+    from ...estimators.gated.tools.design import design_of
+    from ...estimators.gated.tools.poisson_fit import start
+    from ...estimators.gated.tools.stack import read_stack
 
     stack = read_stack(stack_capture(rig, counts))
     d = design_of(stack)

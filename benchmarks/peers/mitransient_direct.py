@@ -27,15 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from ...generator.backend import mitsuba
-from ...generator.direct import gate_tables, render_direct, response_width_s
-from ...generator.returns import render_stack
-from ...generator.trace import Tracer
+from ...generator.gated.direct import gate_tables, render_direct, response_width_s
+from ...generator.rays.backend import mitsuba
+from ...generator.rays.returns import render_stack
+from ...generator.rays.trace import Tracer
 from ...optics.constants import C_M_PER_S, FWHM_PER_SIGMA, PLANCK_J_S
-from ...optics.correlation import lookup
-from ...scenes.declare import group_index
+from ...optics.correlation.response import lookup
 from ...scenes.load import load_scene
 from ...scenes.meshes import shape_mesh
+from ...scenes.rigs.declare import group_index
 from ...scenes.scene import Scene, gated_rig
 from ...scenes.shapes import Sphere
 

@@ -28,17 +28,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...generator.backend import mitsuba
-from ...generator.bsdf_plugin import mitsuba_bsdf
-from ...generator.direct import gate_tables, response_width_s
-from ...generator.full import Slices
-from ...generator.trace import pixel_directions
+from ...generator.bsdf.plugin import mitsuba_bsdf
+from ...generator.gated.direct import gate_tables, response_width_s
+from ...generator.gated.full import Slices
+from ...generator.rays.backend import mitsuba
+from ...generator.rays.trace import pixel_directions
 from ...optics.constants import C_M_PER_S
-from ...optics.correlation import lookup
-from ...optics.phase_forms import HenyeyGreenstein, PhaseFunction, phase_cdf
-from ...scenes.declare import group_index
+from ...optics.correlation.response import lookup
+from ...optics.water.phase_forms import HenyeyGreenstein, PhaseFunction, phase_cdf
 from ...scenes.errors import InputError
 from ...scenes.meshes import shape_mesh
+from ...scenes.rigs.declare import group_index
 from ...scenes.scene import Scene, gated_rig
 from ...scenes.shapes import Sphere
 from .mitransient_direct import electrons_per_radiance

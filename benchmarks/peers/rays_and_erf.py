@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from scipy.special import erf
 
-from ...generator.direct import render_direct
-from ...generator.trace import Tracer, pixel_directions
+from ...generator.gated.direct import render_direct
+from ...generator.rays.trace import Tracer, pixel_directions
 from ...scenes.scene import gated_rig
 from .mitransient_direct import bunny_scene, ours
 

@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...generator.direct import render_direct
-from ...generator.full import Limits, Slices, gate_offset, render_remainder
+from ...generator.gated.direct import render_direct
+from ...generator.gated.full import Limits, Slices, gate_offset, render_remainder
+from ...generator.gated.scatter import render_scatter, scattered_electrons
 from ...generator.generate import expected_electrons, slice_coordinates, slice_settings
-from ...generator.path_world import PathWorld
-from ...generator.scatter import render_scatter, scattered_electrons
+from ...generator.paths.world import PathWorld
 from ...scenes.load import load_scene
 from ...scenes.scene import Scene
 from .mitransient_direct import equal_error_cost, squared_error

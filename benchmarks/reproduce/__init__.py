@@ -1,1 +1,1 @@
-"""beambench."""
+"""The published results, computed again, with a verdict on each."""

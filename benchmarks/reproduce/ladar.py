@@ -8,8 +8,8 @@ import numpy as np
 
 from ...optics import ladar
 from ...optics.constants import C_M_PER_S, FWHM_PER_SIGMA
-from ...optics.correlation import correlation
-from ...optics.waveforms import GaussianPulse, RectangularGate
+from ...optics.correlation.response import correlation
+from ...optics.correlation.waveforms import GaussianPulse, RectangularGate
 from .rows import Row, judge_exact
 
 __all__ = ["ladar_rows"]

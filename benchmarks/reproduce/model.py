@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...estimators.stack import read_stack
+from ...estimators.gated.tools.stack import read_stack
 from ...optics.accuracy import range_accuracy_eq17, snr_eq15, weighted_average_std
 from ...optics.ladar import intensity_variation_eq22
 from .accuracy import DEPTHS_M

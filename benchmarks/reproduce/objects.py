@@ -16,11 +16,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...estimators import run_estimator
-from ...estimators.stack import read_stack
+from ...estimators.gated.tools.stack import read_stack
 from ...generator.generate import generate
-from ...optics.gates import gate_area
-from ...scenes.declare import optics_gate
+from ...optics.correlation.gates import gate_area
 from ...scenes.load import load_scene
+from ...scenes.rigs.declare import optics_gate
 from ...scenes.scene import Scene, gated_rig
 from .accuracy import DEPTHS_M
 from .table_1 import PUBLISHED

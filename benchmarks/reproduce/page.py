@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..pictures import data_uri
+from ..report.pictures import data_uri
 from .rows import VERDICTS, Row
 
 __all__ = ["MEANINGS", "render_page"]

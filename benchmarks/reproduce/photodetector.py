@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optics.brdf_chua import chua_printed
 from ...optics.constants import C_M_PER_S, PLANCK_J_S
-from ...optics.detector_response import detected_pulse
+from ...optics.correlation.detector_response import detected_pulse
+from ...optics.correlation.pulses import GaussianPulse, broadened, pulse_density
 from ...optics.ladar import ladar_eq3_received_power
-from ...optics.pulses import GaussianPulse, broadened, pulse_density
+from ...optics.reflection.chua import chua_printed
 
 __all__ = [
     "ELECTRON_C", "MEASUREMENTS", "RANGE_M", "Setup", "Surface", "closed_form_std", "mean_signal", "measure", "surface", "times",

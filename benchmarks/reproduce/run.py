@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..files import write_atomic, write_json, write_text
+from ..folders.files import write_atomic, write_json, write_text
 from .rows import COLUMNS, Row
 
 __all__ = ["ITEMS", "OTHERS", "Reproduction", "all_rows", "reproduce", "to_csv"]
@@ -104,7 +104,7 @@ def reproduce(out: Path, *, pictures: bool = True, say: Progress | None = None) 
     Raises:
         InputError: the folder cannot be written.
     """
-    from ..record import machine, versions
+    from ..folders.record import machine, versions
     from .page import render_page
 
     start = time.perf_counter()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import SEQUENTIAL, lut, png
+from ..report.pictures import SEQUENTIAL, lut, png
 
 __all__ = ["object_pictures", "raw_image", "surface_svg"]
 
@@ -60,7 +60,7 @@ def object_pictures() -> dict[str, tuple[str, bytes]]:
     """name -> (caption, PNG): raw images and reconstructed surfaces of both objects."""
     import vl_convert as vlc
 
-    from ...estimators.stack import read_stack
+    from ...estimators.gated.tools.stack import read_stack
     from .model import PRINTED, TIMES_COSINE
     from .objects import objects, read
 

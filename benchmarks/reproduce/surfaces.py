@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optics.brdf_chua import FIGURE_2_SURFACES, chua_printed
+from ...optics.reflection.chua import FIGURE_2_SURFACES, chua_printed
 from .rows import Row, judge_settings
 
 __all__ = ["figure_2_curves", "figure_2_rows", "peak_angle"]

@@ -1,0 +1,1 @@
+"""The commands: each calls one verb and prints its result."""

@@ -1,0 +1,237 @@
+"""What `generate` is asked for: its captures one by one, checked before any is made, and compared with recorded ones."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from ..scenes.errors import InputError
+
+if TYPE_CHECKING:
+    from ..scenes.scene import Scene
+
+__all__ = ["Fidelity", "Item", "Rtol", "check_items", "difference", "is_suite", "items_of", "planned", "recorded"]
+
+Fidelity = Literal["direct", "scatter", "full", "auto"]
+Rtol = float | Literal["noise"]
+
+#: Bytes that generation holds per sample (electrons in float32, counts in uint16) and per slice (its coordinates).
+_BYTES_PER_SAMPLE, _BYTES_PER_SLICE = 6, 40
+
+
+@dataclass(frozen=True)
+class Item:
+    """One capture to make."""
+
+    scene: Scene
+    seed: int
+    key: int | None
+    fidelity: Fidelity
+    rtol: Rtol
+    truth_electrons: bool
+    truth_components: bool = False
+
+
+def is_suite(source: Any) -> bool:
+    """Whether `source` names a suite, or is a file of one."""
+    from ..benchmarks.suites.suite import list_suites
+    from ..scenes.load import list_scenes, read_spec_file
+
+    if not isinstance(source, str | Path):
+        return False
+    path = Path(source).expanduser()
+    if path.suffix in {".toml", ".json"} and path.is_file():
+        return "scenes" in read_spec_file(path)
+    return str(source) in list_suites() and str(source) not in list_scenes()
+
+
+def items_of(
+    source: Any,
+    overrides: dict[str, Any],
+    seeds: Sequence[int] | None,
+    fidelity: Fidelity | None,
+    rtol: Rtol | None,
+    electrons: bool,
+    components: bool,
+) -> dict[str, list[Item]]:
+    """Captures to make by store; the one store of a scene has the name "".
+
+    Raises:
+        InputError: no such scene or suite, seeds for a suite (it has its own), or what `check_items` refuses.
+    """
+    from ..benchmarks.suites.suite import CELL_NONE, cells_of, load_suite
+    from ..scenes.load import load_scene
+
+    groups: dict[str, list[Item]] = {}
+    if is_suite(source):
+        if seeds is not None:
+            raise InputError(
+                "A suite has seeds of its own.",
+                where="--seeds",
+                value=list(seeds) if isinstance(seeds, Sequence) else seeds,
+                next_step="change them with --set 'seeds.test=[1, 2]', or generate one of its scenes",
+            )
+        loaded = load_suite(source, overrides)
+        rung: Any = fidelity or loaded.suite.fidelity
+        aimed: Any = loaded.suite.rtol if rtol is None else rtol
+        for cell in cells_of(loaded):
+            if cell.stress == CELL_NONE:
+                item = Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons, components)
+                groups.setdefault(cell.scene_name, []).append(item)
+    else:
+        numbers = _seeds(seeds)
+        scene = load_scene(source, overrides)
+        aimed = 1e-3 if rtol is None else rtol
+        groups[""] = [Item(scene, n, None, fidelity or "direct", aimed, electrons, components) for n in numbers]
+    check_items([item for items in groups.values() for item in items])
+    return groups
+
+
+def _seeds(seeds: Sequence[int] | None) -> list[int]:
+    if seeds is None:
+        return [0]
+    numbers = list(seeds) if isinstance(seeds, Sequence) and not isinstance(seeds, str | bytes) else None
+    if not numbers or any(isinstance(n, bool) or not hasattr(n, "__index__") or n < 0 for n in numbers):
+        raise InputError("A seed is a whole number.", where="--seeds", value=seeds, allowed="0, 1, 2, …; at least one")
+    twice = sorted({n for n in numbers if numbers.count(n) > 1})
+    if twice:
+        raise InputError(
+            "A seed is given twice: its captures would be equal.", where="--seeds", value=twice,
+            allowed="different seeds",
+        )  # fmt: skip
+    return [int(n) for n in numbers]
+
+
+def check_items(items: Sequence[Item]) -> None:
+    """Refuse, before any work, what generation would refuse, and what this machine's memory cannot hold.
+
+    Raises:
+        InputError: an impossible rung, rtol or combination, or a capture larger than the memory.
+    """
+    from ..scenes.scene import sizes_of
+
+    for item in items:
+        where = item.scene.name
+        if item.fidelity not in ("direct", "scatter", "full", "auto"):
+            raise InputError(
+                "There is no such rung.", where="--fidelity", value=item.fidelity, allowed="direct, scatter, full, auto"
+            )
+        if item.rtol == "noise":
+            if item.fidelity != "auto":
+                raise InputError(
+                    "Only the choice of a rung goes by noise.", where="--rtol", value="noise", allowed="1e-6 … 0.5",
+                    next_step="add --fidelity auto",
+                )  # fmt: skip
+        elif isinstance(item.rtol, bool) or not isinstance(item.rtol, float | int) or not 1e-6 <= item.rtol <= 0.5:
+            raise InputError("rtol is a fraction.", where="--rtol", value=item.rtol, allowed="1e-6 … 0.5")
+        if item.fidelity == "full" and item.scene.modality != "gated":
+            raise InputError(
+                "This rung is built for gated scenes only.", where=f"{where}: --fidelity", value="full",
+                allowed='"direct", "scatter", "auto"',
+            )  # fmt: skip
+        if item.truth_components and (item.fidelity != "full" or item.scene.modality != "gated"):
+            raise InputError(
+                "Light is kept apart by the full rung of gated scenes only.", where=f"{where}: --truth-components",
+                value=item.fidelity, next_step='fidelity="full"',
+            )  # fmt: skip
+        slices, rows, cols = sizes_of(item.scene)
+        needed = slices * (rows * cols * _BYTES_PER_SAMPLE + _BYTES_PER_SLICE)
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if needed > memory:
+            raise InputError(
+                "One capture does not fit into the memory of this machine.",
+                where=f"{where}: {slices} × {rows} × {cols} samples",
+                value=f"{needed / 2**30:.3g} GiB",
+                allowed=f"{memory / 2**30:.3g} GiB",
+                next_step="fewer delays, repeats, rows or columns, e.g. --set rig.delays.count=64",
+            )
+
+
+def planned(item: Item, name: str = "") -> dict[str, Any]:
+    """What --plan tells of a capture; `name` is that of the scene in its suite, which may hold one scene several times."""
+    from ..scenes.scene import sizes_of
+
+    slices, rows, cols = sizes_of(item.scene)
+    return {
+        "scene": name or item.scene.name,
+        "seed": item.seed,
+        "slices": slices,
+        "rows": rows,
+        "cols": cols,
+        "bytes": 2 * slices * rows * cols,
+        "fidelity": item.fidelity,
+        "rtol": item.rtol,
+    }
+
+
+def difference(item: Item, attrs: Mapping[str, Any]) -> str:
+    """In what a recorded capture is not the one that `item` asks for; empty where it is that one."""
+    from ..captures.sources import bare_scene, source_files
+
+    try:
+        recorded_scene = bare_scene(json.loads(attrs["truth_scene"]))
+        provenance = json.loads(attrs["provenance"])
+        arguments = provenance["arguments"]
+        chosen = "chosen" in json.loads(attrs.get("fidelity", "{}"))
+        scene = json.loads(item.scene.model_dump_json())
+        if recorded_scene.get("name") != scene["name"]:
+            return f"it is of scene {recorded_scene.get('name')!r}, not {scene['name']!r}"
+        if arguments["seed"] != item.seed:
+            return f"its seed is {arguments['seed']}, not {item.seed}"
+        if recorded_scene != bare_scene(scene):
+            return "its scene has the same name and other values"
+        if "files" in provenance and provenance["files"] != source_files(scene):
+            return "a mesh, grid or texture of its scene has changed since"
+        # Rangers record the rung that "auto" took, gated scenes "auto" itself.
+        rung, rtol = arguments["fidelity"], arguments["rtol"]
+        same_rung = rung == item.fidelity and rtol == item.rtol
+        if not same_rung and not (item.fidelity == "auto" and chosen and rung != "auto"):
+            return f"its fidelity and rtol are {rung}, {rtol}, not {item.fidelity}, {item.rtol}"
+        for name in ("truth_electrons", "truth_components"):
+            if bool(arguments.get(name, False)) != getattr(item, name):
+                return f"it was made with {name} = {bool(arguments.get(name, False))}"
+        if item.key is not None and arguments["capture_key"] != item.key:
+            return "it was made under another key"
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+        return f"it does not record how it was made ({error!r})"
+    return ""
+
+
+def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given: Mapping[str, Any]) -> Item:
+    """The item that a capture records of itself.
+
+    Main arguments:
+        attrs: of the capture. where: which it is. places, given: where the files of its scene lie, see `find_sources`.
+
+    Raises:
+        InputError: it records none, or a file of its scene is not found or has changed.
+    """
+    from ..captures.sources import find_sources
+    from ..scenes.load import load_scene
+
+    try:
+        provenance = json.loads(attrs["provenance"])
+        arguments = provenance["arguments"]
+        data = json.loads(attrs["truth_scene"])
+        scene = load_scene(find_sources(data, provenance.get("files", []), places, given, where))
+        item = Item(
+            scene,
+            int(arguments["seed"]),
+            int(arguments["capture_key"]),
+            arguments["fidelity"],
+            "noise" if arguments["rtol"] == "noise" else float(arguments["rtol"]),
+            bool(arguments["truth_electrons"]),
+            bool(arguments.get("truth_components", False)),
+        )
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+        raise InputError(
+            "The capture does not record how it was generated.",
+            where=where,
+            value=str(error),
+            allowed="a capture that `beambench generate` made",
+        ) from error
+    return item

@@ -1,0 +1,200 @@
+"""One scene by every rung: cost, error and task error against two references, and what `auto` takes.
+
+The quantity is expected photoelectrons per pixel and gate, without ambient light. ε² = Σ(X − R₁)(X − R₂)/ΣR₁R₂ is free of
+the references' noise, which gives its interval. R₂ is our `full` rung with a seed of its own. R₁ is mitransient's volumetric
+path tracer, which shares no code for light with ours, where it can render the scene (flat-top beams) and its standard error
+is below `PEER_ENOUGH`; else our `full` rung with another seed. Either way what mitransient makes of R₂ is told: the error of
+R₂ against two independent mitransient stacks. Each rung is rendered to the accuracy that `auto` would ask of it.
+
+The task error is the bias that the rung's error causes in the time of a maximum-likelihood estimate, J⁻¹Σ∂S·ΔS/V, in
+units of its bound J^(−1/2): the root mean square over the pixels that see the target.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...generator.gated.choose import RUNG_SHARE, Rtol, choose
+from ...generator.gated.direct import DirectScene, render_direct
+from ...generator.gated.error import replicate_error, stack_error, task_error
+from ...generator.gated.full import SAMPLING, Limits, Slices, gate_offset, render_remainder
+from ...generator.gated.scatter import render_scatter, scattered_electrons
+from ...generator.generate import expected_electrons, slice_coordinates, slice_settings
+from ...generator.paths.world import PathWorld
+from ...scenes.scene import Scene, gated_rig
+
+__all__ = ["PEER_ENOUGH", "RTOLS", "RUNGS", "References", "SceneRungs", "measure_scene", "verdict"]
+
+Float = NDArray[np.float64]
+Stack = NDArray[np.float32]
+T = TypeVar("T")
+
+#: From the cheapest to the dearest.
+RUNGS = ("direct", "scatter", "full")
+RTOLS: tuple[Rtol, ...] = (0.1, 0.03, 0.01, "noise")
+_REFERENCE_RTOL = 4e-3
+_REFERENCE = Limits(most_samples=1 << 16)
+#: Samples per pixel of mitransient: tried first, and at most.
+_PEER_SAMPLES = (1 << 12, 1 << 15)
+#: Standard error of mitransient's stack, relative to the whole, above which it decides nothing.
+PEER_ENOUGH = 0.03
+
+
+class SceneRungs:
+    """Stacks of one scene by each rung."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.coords = scene, slice_coordinates(scene)
+        delay, energy = slice_settings(scene, self.coords, 0, 0)
+        self.settings = (delay, energy)
+        self.slices = Slices(delay, energy, self.coords["gate"], gate_offset(scene))
+        self.world = PathWorld.of(scene)
+        _, self.ambient = expected_electrons(scene, render_direct(scene, 0.1), self.coords, 0, 0)
+
+    def _stack(self, direct: DirectScene) -> Stack:
+        light, ambient = expected_electrons(self.scene, direct, self.coords, 0, 0)
+        return light - ambient.astype(np.float32)[:, None, None]
+
+    def direct(self, rtol: float) -> Stack:
+        """The direct rung, sampled to `rtol`."""
+        return self._stack(render_direct(self.scene, rtol))
+
+    def scatter(self, rtol: float) -> Stack:
+        """The scatter rung, sampled to `rtol`."""
+        found = render_scatter(self.scene, rtol)
+        return self._stack(found.direct) + scattered_electrons(self.scene, found, self.coords["gate"], *self.settings)
+
+    def full(self, rtol: float, seed: int, limits: Limits | None = None) -> Stack:
+        """The full rung, rays and paths each to their part of `rtol`, as `generate` shares it out."""
+        direct = self.direct(SAMPLING * rtol)
+        found = render_remainder(
+            self.scene, direct, self.slices, SAMPLING * rtol, seed, 0, limits=limits or Limits(), world=self.world
+        )
+        return direct + found.light
+
+    def at(self, rung: str, limit: float, seed: int) -> Stack:
+        """A rung as `auto` would ask for it where its error may be `limit`."""
+        share = RUNG_SHARE[rung] * limit
+        return self.full(share, seed) if rung == "full" else getattr(self, rung)(share)
+
+    def slope(self) -> Stack:
+        """dS/dτ of the direct return [1/s] by central differences over a tenth of a delay step."""
+        step = 0.1 * gated_rig(self.scene).delays.step_s
+        direct = render_direct(self.scene, 3e-3)
+        stacks = []
+        for sign in (1.0, -1.0):
+            coords = self.coords | {"actual": self.coords["actual"] - sign * step}
+            stacks.append(expected_electrons(self.scene, direct, coords, 0, 0)[0])
+        return (stacks[0] - stacks[1]) / np.float32(2 * step)
+
+    def background_e(self) -> Float:
+        """Ambient and dark electrons per slice, which add to the variance."""
+        detector = gated_rig(self.scene).detector
+        return np.asarray(self.ambient + detector.dark_current_e_per_s * detector.exposure_s)
+
+    def replicates(self, seed: int) -> Stack:
+        """Two independent stacks (2, slices, rows, cols) of the full rung, as references."""
+        direct = self.direct(0.5 * _REFERENCE_RTOL)
+        found = render_remainder(
+            self.scene, direct, self.slices, _REFERENCE_RTOL, seed, 0, limits=_REFERENCE, world=self.world
+        )
+        return direct[None] + found.halves
+
+    def peer_replicates(self, seed: int) -> Stack | None:
+        """The same by mitransient; None where it cannot render the scene."""
+        from ..peers.mitransient_volume import mitransient_reference
+
+        if gated_rig(self.scene).laser.illumination.profile != "flat-top":
+            return None
+
+        def pair(samples: int, first: int) -> Stack:
+            return np.stack([mitransient_reference(self.scene, self.slices, first + k, samples // 2) for k in range(2)])
+
+        few, most = _PEER_SAMPLES
+        found = pair(few, seed)
+        enough = few * 1.5 * (_noise(found, found.mean(axis=0)) / PEER_ENOUGH) ** 2
+        return pair(int(enough), seed + 2) if few < enough <= most else found
+
+    def references(self, seed: int) -> References:
+        """R₁ and R₂, in two replicates each, and what mitransient makes of R₂."""
+        twos = self.replicates(seed + 500_000)
+        peer = self.peer_replicates(seed + 1)
+        if peer is not None:
+            noise = _noise(peer, twos.mean(axis=0))
+            told = (noise, *stack_error(twos.mean(axis=0), peer[0], peer[1]))
+            if noise <= PEER_ENOUGH:
+                return References(peer, twos, "mitransient+full", told)
+            return References(self.replicates(seed + 250_000), twos, "full+full", told)
+        return References(self.replicates(seed + 250_000), twos, "full+full", None)
+
+
+def _noise(pair: Stack, whole: Stack) -> float:
+    """Standard error of the mean of two stacks, relative to the whole one."""
+    between = float(np.mean(np.square(pair[0] - pair[1], dtype=np.float64)))
+    return float(np.sqrt(between / 4 / np.mean(np.square(whole, dtype=np.float64))))
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """`ones`, `twos` (2, slices, rows, cols): replicates of R₁ and R₂; `whose`; `peer`: mitransient's standard error, and
+    the error of R₂ against it with its interval (bootstrap over pixels)."""
+
+    ones: Stack
+    twos: Stack
+    whose: str
+    peer: tuple[float, float, float, float] | None
+
+
+def measure_scene(
+    scene: Scene, seed: int, rtols: tuple[Rtol, ...] = RTOLS
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Rows of fidelity.csv of one scene, one for each rung and limit, and what is told of its references. `verdict` of a rung:
+    "pass", "fail" or "undecided", by the interval of its error."""
+    rungs = SceneRungs(scene)
+    found = rungs.references(seed)
+    one, two = found.ones.mean(axis=0), found.twos.mean(axis=0)
+    slope, background = rungs.slope(), rungs.background_e()
+    variance = two + (background + gated_rig(scene).detector.read_noise_e ** 2).astype(np.float32)[:, None, None]
+    offered = [r for r in RUNGS if r != "scatter" or scene.medium.scattering_per_m > 0]
+    rows: list[dict[str, Any]] = []
+    choose(scene, 0.1, seed, 0)  # compiled and loaded before it is timed
+    for rung in offered:
+        rungs.at(rung, 0.1, seed)
+    for rtol in rtols:
+        choice, asking = _timed(partial(choose, scene, rtol, seed, 0))
+        limit, sampled = choice.limit, choice.sampled
+        for rung in offered:
+            stack, seconds = _timed(partial(rungs.at, rung, sampled, seed))
+            error, low, high = replicate_error(stack, found.ones, found.twos)
+            rows.append(
+                {
+                    "modality": "gated", "scene": scene.name, "rung": rung, "cpu_s": seconds, "rel_error": error,
+                    "lo": low, "hi": high, "task_error": task_error(stack, (one, two), slope, variance),
+                    "predicted_error": choice.predicted.get(rung, float("nan")),
+                    "chosen": rung == choice.rung, "verdict": verdict(low, high, limit), "rtol": rtol, "limit": limit,
+                    "choice_cpu_s": asking,
+                }
+            )  # fmt: skip
+    told: dict[str, Any] = {"scene": scene.name, "references": found.whose}
+    if found.peer is not None:
+        noise, error, low, high = found.peer
+        told |= {"peer_standard_error": noise, "full_against_peer": error, "full_against_peer_interval": [low, high]}
+    return rows, told
+
+
+def verdict(low: float, high: float, limit: float) -> str:
+    """Whether a rung whose error lies in low … high passes a limit."""
+    return "pass" if high <= limit else "fail" if low > limit else "undecided"
+
+
+def _timed(make: Callable[[], T]) -> tuple[T, float]:
+    begin = time.process_time()
+    stack = make()
+    return stack, time.process_time() - begin

@@ -1,0 +1,131 @@
+"""What the rows of a fidelity measurement say of three policies: always the full rung, always the cheapest, and `auto`.
+
+The rules, stated before anything is measured. A rung passes a limit where the whole interval of its error is at or below it,
+fails where the interval is above it, and is undecided else. A scene and limit are *decided* where no rung is undecided; then
+the right rung is the cheapest that passes, if any does. Shares are over decided ones; the others are counted, not dropped:
+they have a column of their own. A policy is within the limit where the rung that it takes passes, and at the cheapest where that
+rung is the right one. Where no rung passes, no policy is within the limit. CPU times are sums over all decided ones; that of
+`auto` holds the asking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..statistics.rates import wilson_interval
+
+__all__ = ["POLICIES", "POLICY_COLUMNS", "Decision", "decisions", "policy_rows", "summarise"]
+
+POLICIES = ("always-full", "always-cheapest", "auto")
+POLICY_COLUMNS = (
+    "policy", "rtol", "decisions", "within_rtol", "lo", "hi", "cheapest", "cheapest_lo", "cheapest_hi", "cpu_s",
+    "asking_cpu_s", "undecided", "none_passes",
+)  # fmt: skip
+
+#: From the cheapest to the dearest.
+_RUNGS = ("direct", "scatter", "full")
+#: A competitor this near to the limit, as a factor, makes a decision hard.
+_NEAR = 3.0
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One scene at one limit: its rows by rung, and whether all are decided."""
+
+    scene: str
+    rtol: str
+    rows: dict[str, dict[str, Any]]
+
+    @property
+    def decided(self) -> bool:
+        """Whether no rung is undecided."""
+        return all(row["verdict"] != "undecided" for row in self.rows.values())
+
+    @property
+    def right(self) -> str | None:
+        """The cheapest rung that passes."""
+        return next((r for r in _RUNGS if r in self.rows and self.rows[r]["verdict"] == "pass"), None)
+
+    def taken(self, policy: str) -> str:
+        """The rung that a policy takes."""
+        if policy == "auto":
+            return next(rung for rung, row in self.rows.items() if row["chosen"])
+        return "full" if policy == "always-full" else "direct"
+
+    @property
+    def contested(self) -> bool:
+        """Whether another rung than the right one errs within a factor 3 of the limit."""
+        limit = float(next(iter(self.rows.values()))["limit"])
+        others = [row["rel_error"] for rung, row in self.rows.items() if rung != self.right]
+        return any(limit / _NEAR <= error <= limit * _NEAR for error in others)
+
+
+def decisions(rows: Iterable[dict[str, Any]]) -> list[Decision]:
+    """Rows of fidelity.csv by scene and limit."""
+    found: dict[tuple[str, str], dict[str, dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault((row["scene"], str(row["rtol"])), {})[row["rung"]] = row
+    return [Decision(scene, rtol, by_rung) for (scene, rtol), by_rung in found.items()]
+
+
+def policy_rows(every: Sequence[Decision]) -> list[dict[str, Any]]:
+    """Rows of policies.csv: each policy at each limit, and over all fractions ("all": without "noise")."""
+    fractions = [d for d in every if d.rtol != "noise"]
+    groups = [("all", fractions)]
+    groups += [(name, [d for d in every if d.rtol == name]) for name in dict.fromkeys(d.rtol for d in every)]
+    return [_policy(policy, name, group) for policy in POLICIES for name, group in groups]
+
+
+def _policy(policy: str, rtol: str, group: Sequence[Decision]) -> dict[str, Any]:
+    decided = [d for d in group if d.decided]
+    n = len(decided)
+    within = sum(d.rows[d.taken(policy)]["verdict"] == "pass" for d in decided)
+    cheapest = sum(d.right is not None and d.taken(policy) == d.right for d in decided)
+    asking = [float(next(iter(d.rows.values()))["choice_cpu_s"]) if policy == "auto" else 0.0 for d in decided]
+    cpu = sum(asking) + sum(float(d.rows[d.taken(policy)]["cpu_s"]) for d in decided)
+    low, high = wilson_interval(within, n)
+    cheap_low, cheap_high = wilson_interval(cheapest, n)
+    return {
+        "policy": policy, "rtol": rtol, "decisions": n, "within_rtol": within / n if n else float("nan"), "lo": low, "hi": high,
+        "cheapest": cheapest / n if n else float("nan"), "cheapest_lo": cheap_low, "cheapest_hi": cheap_high, "cpu_s": cpu,
+        "asking_cpu_s": float(sum(asking)),
+        "undecided": len(group) - n, "none_passes": sum(d.right is None for d in decided),
+    }  # fmt: skip
+
+
+def summarise(rows: Sequence[dict[str, Any]], scenes: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+    """Content of fidelity.json: the right rungs and how contested they are, prediction against measurement, task errors of
+    what `auto` takes where the limit is the noise, and the references of every scene."""
+    every = decisions(rows)
+    fractions = [d for d in every if d.rtol != "noise"]
+    decided = [d for d in fractions if d.decided]
+    right = {rung: [d for d in decided if d.right == rung] for rung in _RUNGS}
+    ratios = [
+        abs(float(np.log10(row["predicted_error"] / row["rel_error"])))
+        for d in fractions for rung, row in d.rows.items()
+        if rung != "full" and row["rel_error"] > 1e-4 and row["predicted_error"] > 0
+    ]  # fmt: skip
+    noise = [d.rows[d.taken("auto")]["task_error"] for d in every if d.rtol == "noise"]
+    return {
+        "rule": "a rung passes where hi <= rtol, fails where lo > rtol; decided: no rung is undecided",
+        "scenes": len({d.scene for d in every}),
+        "decisions": len(fractions),
+        "decided": len(decided),
+        "undecided": len(fractions) - len(decided),
+        "decided scenes": len({d.scene for d in decided}),
+        "no rung passes": sum(d.right is None for d in decided),
+        "right rung": {rung: len(found) for rung, found in right.items()},
+        "right rung, scenes": {rung: len({d.scene for d in found}) for rung, found in right.items()},
+        "contested": {rung: sum(d.contested for d in found) for rung, found in right.items()},
+        "median |log10 predicted/measured|": float(np.median(ratios)) if ratios else None,
+        "task error at rtol noise": {
+            "decisions": len(noise), "below 0.1": sum(t < 0.1 for t in noise),
+            "median": float(np.median(noise)) if noise else None, "largest": max(noise, default=None),
+        },
+        "policies": policy_rows(every),
+        "references": list(scenes),
+    }  # fmt: skip

@@ -1,0 +1,1 @@
+"""Result folders: locks, journals, marks, whole files, progress."""

@@ -1,0 +1,57 @@
+"""Files that are whole or absent: written under another name, synced, then renamed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ...scenes.errors import InputError
+
+__all__ = ["write_atomic", "write_json", "write_text"]
+
+
+def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
+    """Call `write` on `<path>.partial`, sync it, and give it its name. Nothing is left under either name if it fails.
+
+    Raises:
+        InputError: the place cannot be written, or is full.
+    """
+    partial = path.with_name(path.name + ".partial")
+    try:
+        write(partial)
+        with open(partial, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise InputError(
+            "A file cannot be written.",
+            where=str(path),
+            value=error.strerror or str(error),
+            next_step="choose another place with --out, or make room",
+        ) from error
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text, atomically."""
+
+    def write(partial: Path) -> None:
+        partial.write_bytes(text.encode("utf-8"))
+
+    write_atomic(path, write)
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write JSON with sorted keys, atomically. NaN is refused."""
+    write_text(path, json.dumps(data, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False) + "\n")

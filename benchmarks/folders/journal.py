@@ -1,0 +1,116 @@
+"""The folder of a run: its default name, and the journal that remembers finished work line by line."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ...scenes.errors import InputError
+
+__all__ = ["Journal", "default_folder", "without_nan"]
+
+
+def default_folder(name: str) -> Path:
+    """./beambench-runs/<name>-<local time>, with a number behind it where that exists."""
+    from datetime import datetime
+
+    base = Path("beambench-runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+    number, folder = 2, base
+    while folder.exists():
+        folder, number = base.with_name(f"{base.name}-{number}"), number + 1
+    return folder
+
+
+class Journal:
+    """journal.jsonl: one line per finished (capture, estimator, condition), so that a broken run can be resumed.
+
+    Only results with status "ok" are taken up again: a failure is tried anew. The first line tells what the run is of:
+    the hash of its suite, and `settings` that the results depend on beside it.
+    """
+
+    def __init__(self, folder: Path, suite_hash: str, **settings: Any) -> None:
+        self.path = folder / "journal.jsonl"
+        self.done: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+        self.beside: dict[tuple[str, ...], dict[str, Any]] = {}
+        if self.path.is_file():
+            text = self.path.read_text(encoding="utf-8")
+            if not text.endswith("\n"):  # a torn line must not swallow the next one
+                with open(self.path, "a", encoding="utf-8") as file:
+                    file.write("\n")
+            for line in text.splitlines()[1:]:
+                try:
+                    entry = json.loads(line)
+                    key, rows = tuple(map(str, entry["key"])), [_with_nan(row) for row in entry["rows"]]
+                    beside = dict(entry.get("beside") or {})
+                except (ValueError, KeyError, TypeError, AttributeError):
+                    continue  # the last line of an interrupted write, or one that was damaged: measured anew
+                if all("status" in row for row in rows):
+                    self.done[key], self.beside[key] = rows, beside
+        else:
+            self._append({"suite_hash": suite_hash, **settings})
+
+    @staticmethod
+    def check(folder: Path, suite_hash: str, **settings: Any) -> None:
+        """Refuse to go on with a run of another suite or other settings. A setting that an older journal does not tell is
+        not compared.
+
+        Raises:
+            InputError: the folder's journal tells of another run, or cannot be read.
+        """
+        found: Any = {}
+        try:
+            with open(folder / "journal.jsonl", encoding="utf-8") as file:
+                found = json.loads(file.readline())
+        except (OSError, ValueError):
+            pass
+        found = found if isinstance(found, dict) else {}
+        if (other := str(found.get("suite_hash", ""))) != suite_hash:
+            raise InputError(
+                "The folder holds a run of another suite, or of other settings.",
+                where="--resume",
+                value=other,
+                allowed=suite_hash,
+                next_step="--overwrite, or another --out",
+            )
+        for name, value in settings.items():
+            if name in found and found[name] != value:
+                raise InputError(
+                    f"The folder holds a run with another {name}.",
+                    where="--resume",
+                    value=value,
+                    allowed=str(found[name]),
+                    next_step="--overwrite, or another --out",
+                )
+
+    def _append(self, entry: dict[str, Any]) -> None:
+        try:
+            with open(self.path, "a", encoding="utf-8") as file:
+                file.write(json.dumps(entry, allow_nan=False) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(
+                "The output folder cannot be written.",
+                where=str(self.path),
+                value=error.strerror,
+                next_step="make room, then repeat with --resume",
+            ) from error
+
+    def add(self, key: tuple[str, ...], rows: list[dict[str, Any]], **beside: Any) -> None:
+        """Note finished work: rows of the score table, and plain data beside them. NaN of a row travels as null: JSON
+        has none."""
+        if all(row["status"] == "ok" for row in rows):
+            self._append({"key": list(key), "rows": [without_nan(row) for row in rows], "beside": beside})
+
+
+def without_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as JSON can hold it: what is no finite number becomes None."""
+    return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
+
+
+def _with_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: math.nan if value is None else value for name, value in row.items()}

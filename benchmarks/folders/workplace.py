@@ -1,0 +1,296 @@
+"""Where a verb writes: its folder is locked, and what is there stays until the new result is complete.
+
+A verb replaces only a folder that bears its own mark, and in it only the files that it writes itself: everything else in
+the folder stays. A new result that replaces one is written into `<folder>/unfinished`; when it is complete, the old files
+go to `<folder>/replaced`, the new ones take their places, and only then the old ones are removed. Both lie inside the
+folder, since that is on one disk and may be written, whatever lies around it.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ...captures.store.journal import fsync_path
+from ...scenes.errors import InputError
+from .kinds import Kind, verb_in
+
+__all__ = ["UNFINISHED", "locked", "output_folder", "refuse_inputs", "refuse_place", "workplace"]
+
+UNFINISHED = "unfinished"
+_REPLACED = "replaced"
+
+
+def output_folder(out: str | Path | None, name: str, *, resume: bool, overwrite: bool) -> Path:
+    """The folder named by `out`, or a new one under ./beambench-runs.
+
+    Raises:
+        InputError: both flags are given, or `resume` without the folder to go on with.
+    """
+    from .journal import default_folder
+
+    if resume and overwrite:
+        raise InputError("--resume and --overwrite exclude each other.", where="--resume", allowed="one of them")
+    if out is not None:
+        return Path(out).expanduser()
+    if resume:
+        raise InputError(
+            "--resume needs the folder to go on with.", where="--out", next_step="add --out FOLDER, an earlier output"
+        )
+    return default_folder(name)
+
+
+def refuse_inputs(path: Path, inputs: Sequence[str | Path]) -> None:
+    """Refuse an output that is an input, holds one, or lies in one that is a store of captures.
+
+    Raises:
+        InputError: it does.
+    """
+    from ...captures.store.publish import is_store
+
+    place = path.resolve()
+    for one in inputs:
+        source = Path(one).expanduser().resolve()
+        if place == source or place in source.parents or (source in place.parents and is_store(source)):
+            raise InputError(
+                "The output would be written over what is read.",
+                where="--out",
+                value=str(path),
+                allowed=f"a place apart from {one}",
+                next_step="choose another --out",
+            )
+
+
+def refuse_place(path: Path) -> None:
+    """Refuse to replace the folder that one works in, or one around it.
+
+    Raises:
+        InputError: it is.
+    """
+    place, here = path.resolve(), Path.cwd().resolve()
+    if place == here or place in here.parents:
+        raise InputError(
+            "The folder that you work in, and those around it, are not replaced.",
+            where="--out",
+            value=str(path),
+            next_step="choose another --out, or go elsewhere and repeat",
+        )
+
+
+def _refused(folder: Path, error: OSError) -> InputError:
+    return InputError(
+        "The output folder cannot be written.",
+        where="--out",
+        value=f"{folder}: {error.strerror or error}",
+        next_step="choose another place with --out",
+    )
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder against other processes. The lock ends with the process, however that ends.
+
+    Raises:
+        InputError: another one holds it.
+    """
+    import fcntl
+
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise _refused(folder, error) from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES):
+                raise InputError(
+                    "Another process writes into this folder.",
+                    where="--out",
+                    value=str(folder),
+                    next_step="wait until it ends, or choose another --out",
+                ) from error
+            if error.errno not in (errno.EBADF, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+                raise _refused(folder, error) from error
+            # Some network disks lock no folders: there a user has to mind it himself.
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def workplace(
+    out: Path,
+    kind: Kind,
+    *,
+    resume: bool = False,
+    overwrite: bool = False,
+    inputs: Sequence[str | Path] = (),
+    check: Callable[[Path], None] | None = None,
+) -> Iterator[Path]:
+    """The folder to write a result into; at the end of the block the result is in `out`, or `out` is as before.
+
+    Main arguments:
+        out: where the result goes: new, empty, or holding an earlier result of this kind. kind: of the verb.
+    Other arguments:
+        resume: go on with what is there. overwrite: replace what is there, once the block has ended well.
+        inputs: what the verb reads; the output must lie apart from it.
+        check: told the folder that is to be resumed, before anything is done; raises InputError where it does not fit.
+
+    Raises:
+        InputError: what is there may not be written, another process writes there, or the place cannot be written.
+    """
+    refuse_inputs(out, inputs)
+    held = _held(out)
+    if held:
+        _admit(out, kind, held, resume=resume, overwrite=overwrite)
+    elif resume:
+        raise InputError("There is nothing to go on with.", where="--resume", value=str(out),
+                         next_step="leave --resume out to begin")  # fmt: skip
+    if resume and check is not None:
+        check(out)
+    made = _make(out)
+    with locked(out):
+        if held != _held(out):
+            raise InputError("Another process writes into this folder.", where="--out", value=str(out))
+        work = out
+        if kind.whole or (held and overwrite):
+            work = out / UNFINISHED
+            _empty(work, kind)
+            _make(work)
+        try:
+            yield work
+            if work != out:
+                _exchange(work, out, kind)
+        except BaseException as error:
+            _tell(error, work, kind)
+            if not kind.kept(work) and not resume:
+                with suppress(OSError):
+                    _remove(work, kind, itself=work != out)
+                for folder in made:
+                    with suppress(OSError):
+                        folder.rmdir()
+            raise
+
+
+def _held(folder: Path) -> list[str]:
+    try:
+        return sorted(path.name for path in folder.iterdir())
+    except FileNotFoundError:
+        return []
+    except NotADirectoryError as error:
+        if not os.path.lexists(folder):
+            raise _refused(folder, error) from error
+        raise InputError("The output is a file, not a folder.", where="--out", value=str(folder)) from error
+    except OSError as error:
+        raise _refused(folder, error) from error
+
+
+def _admit(out: Path, kind: Kind, held: list[str], *, resume: bool, overwrite: bool) -> None:
+    """Refuse what must not be written into."""
+    if not (resume or overwrite):
+        also = "--resume to finish it, " if kind.resumes else ""
+        raise InputError(
+            "The output folder exists and is not empty.",
+            where="--out",
+            value=str(out),
+            next_step=f"{also}--overwrite to replace it, or another --out",
+        )
+    if overwrite:
+        refuse_place(out)
+    # Of an earlier attempt nothing but its beginning may be there.
+    found = verb_in(out) or ("" if held != [UNFINISHED] else verb_in(out / UNFINISHED) or kind.verb)
+    if found != kind.verb:
+        what = f"what `beambench {found}` left" if found else f"something that `beambench {kind.verb}` did not write"
+        raise InputError(
+            f"The output folder holds {what}, so it is not replaced or gone on with.",
+            where="--out",
+            value=str(out),
+            allowed=f"an output of `beambench {kind.verb}`, an empty folder or a new name",
+        )
+
+
+def _make(folder: Path) -> list[Path]:
+    """Make a folder and those around it; the new ones, innermost first."""
+    new = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(folder, error) from error
+    return new
+
+
+def _empty(work: Path, kind: Kind) -> None:
+    """Remove what an earlier attempt left unfinished."""
+    if not os.path.lexists(work):
+        return
+    if work.is_symlink() or not work.is_dir():
+        raise InputError("Something stands where the new output is to be written.", where=str(work))
+    with locked(work):
+        _remove(work, kind, itself=True)
+    if work.exists():
+        raise InputError("Something stands where the new output is to be written.", where=str(work),
+                         value=_held(work), next_step="move it elsewhere")  # fmt: skip
+
+
+def _remove(folder: Path, kind: Kind, *, itself: bool) -> None:
+    """Remove what the verb writes, and the folders that are empty then."""
+    for path in kind.files(folder):
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    _tidy(folder, kind)
+    if itself:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _tidy(folder: Path, kind: Kind) -> None:
+    """Remove the parts of an output that are empty."""
+    for part in {path.parent for path in map(folder.joinpath, kind.owned)} - {folder}:
+        with suppress(OSError):
+            part.rmdir()
+
+
+def _exchange(work: Path, out: Path, kind: Kind) -> None:
+    """Let the new files take the places of the old ones; if that fails, all are where they were."""
+    old, new = kind.files(out), [path for path in kind.files(work) if path.suffix != ".partial"]
+    known = {*kind.files(work)}
+    new += [path for path in work.rglob("*") if path.is_file() and not {path, *path.parents} & known]
+    standing = {path.relative_to(out) for path in old}
+    for path in new:
+        place = path.relative_to(work)
+        if place not in standing and os.path.lexists(out / place):
+            raise InputError("A file of the new output has the name of one that Beambench did not write.",
+                             where=str(out / place), next_step="move it elsewhere")  # fmt: skip
+    aside, number = out / _REPLACED, 2
+    while os.path.lexists(aside):
+        aside, number = out / f"{_REPLACED}-{number}", number + 1
+    moves = [(path, aside / path.relative_to(out)) for path in old]
+    moves += [(path, out / path.relative_to(work)) for path in new]
+    done: list[tuple[Path, Path]] = []
+    try:
+        for source, target in moves:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            os.rename(source, target)
+            done.append((source, target))
+        fsync_path(out)
+    except BaseException as error:
+        for source, target in reversed(done):
+            os.rename(target, source)
+        if isinstance(error, OSError):
+            raise _refused(out, error) from error
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+    shutil.rmtree(work, ignore_errors=True)  # no files are left in it
+    _tidy(out, kind)  # parts that the old output had and the new one has not
+
+
+def _tell(error: BaseException, work: Path, kind: Kind) -> None:
+    """Note at an error what is kept, and how to go on; the command line prints it."""
+    if not kind.kept(work):
+        return
+    how = f"go on with the same command, --resume and --out {work}" if kind.resumes else kind.note
+    error.add_note(f"what was finished is kept in {work}; {how}")

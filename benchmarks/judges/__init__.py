@@ -1,0 +1,1 @@
+"""Judges: how each modality's estimates are compared with truth and bound."""

@@ -1,0 +1,1 @@
+"""The laws that every estimator is held to, run by `estimators check` and by the tests."""

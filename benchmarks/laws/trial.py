@@ -1,0 +1,151 @@
+"""The laws tried on a plug-in in a process of its own: a stranger's code may end the process, or never come back.
+
+The child writes one JSON document a line to a pipe: first its laws, then each as it begins and with its result. Where it
+ends under way, that law is broken and another child tries the rest; where a law takes too long, the rest is not tried.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ...scenes.errors import InputError
+from .gated import LawResult
+
+__all__ = ["LAW_LIMIT_S", "try_laws"]
+
+#: Longest time that a law, or the import before them, is waited for [s]; a first call may compile.
+LAW_LIMIT_S = 120.0
+
+_CHILD = "import sys; from beambench.benchmarks.laws.trial import _serve; _serve(sys.argv[1], sys.argv[2:-1], int(sys.argv[-1]))"
+
+
+def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
+    """Hold a plug-in to the laws of its modality; what it prints goes to standard error.
+
+    Main arguments: label: `name` or `name[key=value,...]`. limit_s: longest time for one law.
+    Raises:
+        InputError: no such estimator or parameter, a modality without laws, or an import that fails or never ends.
+    """
+    results: dict[str, LawResult] = {}
+    names: list[str] = []
+    while True:
+        begun, end = "", _End()
+        for event in _events(label, list(results), limit_s, end):
+            if "refused" in event:
+                raise InputError(**event["refused"])
+            if "laws" in event:
+                names = list(event["laws"])
+            elif "begins" in event:
+                begun = str(event["begins"])
+            elif "law" in event:
+                results[event["law"]] = LawResult(str(event["law"]), bool(event["holds"]), str(event["seen"]))
+                begun = ""
+        left = [name for name in names if name not in results]
+        if names and not left:
+            return [results[name] for name in names]
+        if not names:
+            raise InputError(
+                "The plug-in cannot be imported.",
+                where=label,
+                value=end.why,
+                allowed="a module whose import ends, and leaves the process alone",
+                next_step="beambench estimators list",
+            )
+        broken = begun or left[0]
+        results[broken] = LawResult(broken, False, end.why)
+        if end.late:
+            for name in left:
+                results.setdefault(name, LawResult(name, False, "not tried: a law before it did not end"))
+            return [results[name] for name in names]
+
+
+class _End:
+    """How a child ended: why, and whether it had to be stopped."""
+
+    def __init__(self) -> None:
+        self.why, self.late = "", False
+
+
+def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Iterator[dict[str, Any]]:
+    """What a child tells, until it ends or nothing comes for `limit_s`; `end` then says how."""
+    read, write = os.pipe()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-c", _CHILD, label, *done, str(write)],
+            stdin=subprocess.DEVNULL,
+            stdout=2 if sys.stderr else subprocess.DEVNULL,
+            pass_fds=(write,),
+            start_new_session=True,
+            env=environment,
+        )
+    except BaseException:
+        os.close(read)
+        raise
+    finally:
+        os.close(write)
+    try:
+        buffer, until = b"", time.monotonic() + limit_s
+        while True:
+            ready, _, _ = select.select([read], [], [], max(until - time.monotonic(), 0.0))
+            if not ready:
+                end.why, end.late = f"did not end within {limit_s:g} s", True
+                return
+            data = os.read(read, 1 << 16)
+            if not data:
+                break
+            *lines, buffer = (buffer + data).split(b"\n")
+            for line in lines:
+                yield json.loads(line)
+                until = time.monotonic() + limit_s
+        try:
+            code = process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            end.why, end.late = "closed its files and did not end", True
+            return
+        end.why = f"ended the process (exit code {code})" if code >= 0 else f"the process died of signal {-code}"
+    finally:
+        os.close(read)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _serve(label: str, done: Sequence[str], pipe: int) -> None:
+    """The child: try the laws that are not `done`."""
+    from ...verbs.estimators import laws_of
+
+    def tell(event: dict[str, Any]) -> None:
+        os.write(pipe, (json.dumps(event, default=str) + "\n").encode())
+
+    def report(name: str, result: LawResult | None) -> bool:
+        if result is not None:
+            tell({"law": name, "holds": result.holds, "seen": result.seen})
+            return True
+        if name not in done:
+            tell({"begins": name})
+        return name not in done
+
+    try:
+        names, judge = laws_of(label)
+    except InputError as error:
+        tell(
+            {
+                "refused": {
+                    "what": error.what, "where": error.where, "value": error.value, "allowed": error.allowed,
+                    "next_step": error.next_step,
+                }
+            }
+        )  # fmt: skip
+        return
+    tell({"laws": names})
+    judge(report)

@@ -1,0 +1,101 @@
+"""A cell of the report: all seeds of one estimator in one scene, stress and condition."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..scores.skips import not_applicable
+
+__all__ = ["FAILS_ABOVE", "Cell"]
+
+#: Above this share of failed elements an estimator counts as failing in a cell (`level10` of breakdown.csv).
+FAILS_ABOVE = 0.10
+
+
+@dataclass
+class Cell:
+    """All seeds of one estimator in one scene, stress and condition. Lengths in the column `unit`, times in seconds."""
+
+    scene: str
+    stress: str
+    level: str
+    stress2: str
+    level2: str
+    condition: str
+    modality: str
+    stage: str
+    quantity: str
+    unit: str
+    label: str
+    seeds: int
+    n: float
+    coverage: float
+    failure_rate: float
+    bias: float
+    rmse: float
+    rmse_full: float
+    p95: float
+    bound: float
+    bound_kind: str
+    efficiency: float
+    efficiency_lo: float
+    efficiency_hi: float
+    z_rms: float
+    cover95: float
+    cpu_s: float
+    cpu_per_element_s: float
+    throughput: float
+    peak_bytes: float
+    status: str
+    #: What the rows that were pooled say, each once.
+    statuses: tuple[str, ...] = ()
+    #: (seed, n, rmse_full, cpu_s) of each row that was pooled.
+    per_seed: tuple[tuple[int, float, float, float], ...] = ()
+    #: In its panel: "front", "dominated", "undecided", or "" where it is not drawn; see `report_front`.
+    verdict: str = ""
+    #: No other point of the panel is better in both figures as they stand.
+    front: bool = False
+    cpu_lo: float = math.nan
+    cpu_hi: float = math.nan
+    error_lo: float = math.nan
+    error_hi: float = math.nan
+
+    @property
+    def ok(self) -> bool:
+        """True where the estimator ran to its end on every seed."""
+        return self.status == "ok"
+
+    @property
+    def stressed(self) -> bool:
+        """True where a stress was applied."""
+        return bool(self.stress)
+
+    @property
+    def mixed(self) -> bool:
+        """True for the elements that hold several ranges, which are scored apart."""
+        return self.quantity.endswith("-mixed")
+
+    @property
+    def skipped(self) -> bool:
+        """True where the estimator does not apply: another modality, or a package that is not installed."""
+        return not_applicable(self.status)
+
+    @property
+    def fails(self) -> bool:
+        """True where it did not run though it applies, or failed on more than a tenth of the elements."""
+        return not self.skipped and (not self.ok or self.failure_rate > FAILS_ABOVE)
+
+    @property
+    def noun(self) -> str:
+        """What an element is called: a pixel of a gated camera."""
+        return "pixel" if self.modality == "gated" else "element"
+
+    @property
+    def place(self) -> str:
+        """The cell in words: scene, condition and stress."""
+        where = f"{self.scene}, {self.condition}" if self.condition else self.scene
+        for axis, level in ((self.stress, self.level), (self.stress2, self.level2)):
+            if axis:
+                where += f", {axis} {level}"
+        return f"{where}, mixed {self.noun}s" if self.mixed else where

@@ -1,0 +1,93 @@
+"""Verdicts of the report's speed-accuracy chart: intervals of both figures, and front, dominated or undecided.
+
+Errors are compared tile by tile on the captures that estimators share (`error_tiles`), or seed by seed in a table without
+tiles; times by the scatter of their calls (`costs`), or that over seeds. Without either, nothing is certain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scores.costs import cost_interval
+from ..scores.error_tiles import TileKey
+from ..statistics.front import classify, interval_order, lower_left, paired_order, ratio_interval
+from .cell import Cell
+from .data import axis_text, label_of, level_text
+
+__all__ = ["mark_front"]
+
+Float = npt.NDArray[np.float64]
+_Calls = dict[tuple[str, ...], list[tuple[float, float]]]
+
+
+def mark_front(
+    cells: list[Cell],
+    costs: Sequence[Mapping[str, Any]] = (),
+    tiles: Mapping[TileKey, tuple[Float, Float]] | None = None,
+) -> None:
+    """Set `verdict`, `front` and the intervals of each cell, among those of one panel and condition.
+
+    Main arguments:
+        cells: of the report. costs: rows of costs.csv. tiles: of errors_by_tile.npz.
+    """
+    groups: dict[tuple[str, ...], list[Cell]] = {}
+    for cell in cells:
+        if cell.ok and cell.cpu_per_element_s > 0 and cell.rmse_full >= 0:
+            groups.setdefault(
+                (cell.stage, cell.quantity, cell.scene, cell.condition, *_levels(cell)), []
+            ).append(cell)  # fmt: skip
+    calls: _Calls = {}
+    for row in costs:
+        levels = [
+            text
+            for axis, level in (("stress", "level"), ("stress2", "level2"))
+            for text in (axis_text(row[axis]), level_text(row[level]) if axis_text(row[axis]) else "")
+        ]
+        key = (row["scene"], row["condition"], *levels, label_of(row["estimator"], row["params"]))
+        calls.setdefault(key, []).append((row["calls"], row["cpu_log_sd"]))
+    for group in groups.values():
+        _judge(group, calls, tiles or {})
+
+
+def _levels(cell: Cell) -> tuple[str, str, str, str]:
+    return (cell.stress, cell.level, cell.stress2, cell.level2)
+
+
+def _judge(group: list[Cell], calls: _Calls, tiles: Mapping[TileKey, tuple[Float, Float]]) -> None:
+    repeated = [calls.get((c.scene, c.condition, *_levels(c), c.label)) or [_over_seeds(c)] for c in group]
+    together = [row for rows in repeated for row in rows]
+    for cell, mine in zip(group, repeated, strict=True):
+        cell.cpu_lo, cell.cpu_hi = cost_interval(cell.cpu_per_element_s, mine, together)
+    sums, counts = _units(group, tiles)
+    for cell, row in zip(group, sums, strict=True):
+        cell.error_lo, cell.error_hi = ratio_interval(row, counts)
+    cost = interval_order([c.cpu_lo for c in group], [c.cpu_hi for c in group])
+    verdicts = classify(cost, paired_order(sums))
+    best = lower_left([c.cpu_per_element_s for c in group], [c.rmse_full for c in group])
+    for cell, verdict, flag in zip(group, verdicts, best, strict=True):
+        cell.verdict, cell.front = verdict, flag
+
+
+def _over_seeds(cell: Cell) -> tuple[float, float]:
+    """(calls, standard deviation of ln time), one call per seed."""
+    logs = np.log([cpu for *_, cpu in cell.per_seed if cpu > 0])
+    return float(logs.size), float(logs.std(ddof=1)) if logs.size > 1 else math.nan
+
+
+def _units(group: list[Cell], tiles: Mapping[TileKey, tuple[Float, Float]]) -> tuple[Float, Float]:
+    """Squared errors (cell, unit) on the units that all cells share, and elements per unit."""
+    seeds = sorted(set.intersection(*({seed for seed, *_ in cell.per_seed} for cell in group)))
+    first = group[0]
+    keys = [[(c.scene, c.condition, seed, c.label) for seed in seeds] for c in group]
+    if not first.stressed and not first.mixed and all(key in tiles for row in keys for key in row) and seeds:
+        sums = np.array([np.concatenate([tiles[key][0] for key in row]) for row in keys])
+        counts = np.concatenate([tiles[key][1] for key in keys[0]])
+        return sums[:, counts > 0], counts[counts > 0]
+    found = [{seed: (n, rmse) for seed, n, rmse, _ in cell.per_seed} for cell in group]
+    sums = np.array([[row[seed][0] * row[seed][1] ** 2 for seed in seeds] for row in found]).reshape(len(group), -1)
+    return sums, np.array([found[0][seed][0] for seed in seeds])

@@ -1,0 +1,57 @@
+"""The page's ranking: what ranking.csv says of a run, ranks as intervals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..scores.tables import read_numbers
+from .data import unit_scale
+from .text import number, plural, rate, span
+
+__all__ = ["RANKING_HEAD", "ranking_section", "read_ranking"]
+
+RANKING_HEAD = ("rank", "estimator", "RMSE over scenes, mm", "coverage", "best on", "area of profile")
+_GROUP = ("modality", "stage", "quantity", "condition")
+_NUMBERS = (
+    "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage", "coverage_lo",
+    "coverage_hi", "profile_best", "profile_area",
+)  # fmt: skip
+
+
+def read_ranking(folder: Path) -> list[dict[str, Any]]:
+    """The rows of ranking.csv; none where a folder has no such file.
+
+    Raises:
+        InputError: the file is no such table.
+    """
+    return read_numbers(folder / "ranking.csv", _NUMBERS, "The ranking")
+
+
+def ranking_section(folder: Path) -> list[dict[str, Any]]:
+    """One table per modality, quantity and condition: title, note and rows of text in the columns of `RANKING_HEAD`."""
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for row in read_ranking(folder):
+        if not row["quantity"].endswith("-mixed"):
+            groups.setdefault(tuple(row[name] for name in _GROUP), []).append(row)
+    sections = []
+    for key, rows in groups.items():
+        scenes = int(rows[0]["scenes"])
+        note = f"Over {plural(scenes, 'scene')} as written."
+        if scenes < 6:
+            note += " Ranks and intervals need six scenes or more: nothing is decided here beyond single scenes."
+        sections.append({"title": f"{key[0]}, {key[3]}", "note": note, "rows": [_row(row) for row in rows]})
+    return sections
+
+
+def _row(row: dict[str, Any]) -> list[str]:
+    factor, _ = unit_scale("m")
+    low, high = int(row["rank_lo"]), int(row["rank_hi"])
+    return [
+        str(low) if low == high else f"{low} to {high}",
+        row["estimator"],
+        number(row["rmse_full"] * factor) + span(row["rmse_full_lo"] * factor, row["rmse_full_hi"] * factor),
+        rate(row["coverage"]),
+        f"{rate(row['profile_best'])} of scenes",
+        number(row["profile_area"]),
+    ]

@@ -1,0 +1,67 @@
+"""The page's table of all scores."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .data import Cell, unit_scale
+from .text import number, rate, span, time_text
+
+__all__ = ["score_table"]
+
+
+def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
+    """One row per cell: its place, marks, and (number to sort by, text) of every figure."""
+    rows = []
+    scenes = list(dict.fromkeys(cell.scene for cell in cells))
+    for cell in sorted(cells, key=lambda c: _table_key(c, scenes)):
+        factor, unit = unit_scale(cell.unit)
+        stress = " ".join(filter(None, (cell.stress, cell.level, cell.stress2, cell.level2)))
+        low, high = cell.efficiency_lo, cell.efficiency_hi
+        efficiency = f" [{low:.2f}, {high:.2f}]" if low == low and high == high else ""
+        values: list[tuple[float, str]] = [
+            (
+                cell.rmse_full * factor,
+                number(cell.rmse_full * factor) + span(cell.error_lo * factor, cell.error_hi * factor),
+            ),
+            (cell.coverage, rate(cell.coverage)),
+            (cell.rmse * factor, number(cell.rmse * factor)),
+            (cell.bias * factor, number(cell.bias * factor)),
+            (cell.p95 * factor, number(cell.p95 * factor)),
+            (cell.bound * factor, number(cell.bound * factor)),
+            (cell.efficiency, f"{cell.efficiency:.3f}{efficiency}" if cell.efficiency == cell.efficiency else "–"),
+            (cell.z_rms, number(cell.z_rms)),
+            (cell.cover95, rate(cell.cover95)),
+            (cell.failure_rate, rate(cell.failure_rate)),
+            (cell.cpu_per_element_s, time_text(cell.cpu_per_element_s) + _scatter(cell)),
+            (cell.throughput / 1e6, number(cell.throughput / 1e6)),
+            (cell.peak_bytes / 2**20, number(cell.peak_bytes / 2**20)),
+        ]
+        rows.append(
+            {
+                "label": cell.label,
+                "scene": cell.scene,
+                "condition": cell.condition,
+                "stress": stress,
+                "unit": unit,
+                "mixed": cell.mixed,
+                "status": cell.status if cell.status.startswith("skip:") else cell.status.partition(":")[0],
+                "ok": cell.ok,
+                "fails": cell.fails,
+                "verdict": cell.verdict,
+                "values": [(f"{v:.9g}" if v == v else "", text) for v, text in values],
+            }
+        )
+    return rows
+
+
+def _scatter(cell: Cell) -> str:
+    """Half the interval of the time, as a percentage."""
+    half = 0.5 * (cell.cpu_hi - cell.cpu_lo) / cell.cpu_per_element_s if cell.cpu_per_element_s > 0 else float("nan")
+    return f" ± {rate(half)}" if half == half else ""
+
+
+def _table_key(cell: Cell, scenes: list[str]) -> tuple[Any, ...]:
+    """Scenes in the order of the run; in each, from the smallest error to the largest, those without one last."""
+    error = cell.rmse_full if cell.rmse_full == cell.rmse_full else float("inf")
+    return (scenes.index(cell.scene), cell.stress, cell.condition != "matched", cell.condition, cell.mixed, error)

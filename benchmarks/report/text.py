@@ -1,0 +1,256 @@
+"""What a run says in words: the best, the fastest, and where each estimator fails."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from ..scores.skips import skip_reason
+from .data import Cell, base_cells, cells_of, seeds_of, unit_scale
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "Ranked", "beaten_by_best", "closing_lines", "failures_of", "number", "plural", "rank", "rate", "skips_of_cells",
+    "span", "summary", "time_text",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One estimator over all unstressed cells.
+
+    `error_ratio`: geometric mean over cells of rmse_full / (the smallest rmse_full there), ≥ 1. `bound_ratio`: the same
+    over the bound, in cells where that is exact. `cpu_per_element_s`: geometric mean. `cells` of `total` gave a result.
+    """
+
+    label: str
+    error_ratio: float
+    bound_ratio: float
+    cpu_per_element_s: float
+    coverage: float
+    cells: int
+    total: int
+
+
+def rank(cells: list[Cell]) -> list[Ranked]:
+    """Estimators from the most to the least accurate; those that did not answer in every cell come last."""
+    best: dict[tuple[str, ...], float] = {}
+    for cell in cells:
+        if cell.ok and cell.rmse_full >= 0:
+            best[_where(cell)] = min(best.get(_where(cell), math.inf), cell.rmse_full)
+    ranked = []
+    total = len({_where(cell) for cell in cells})
+    for label in dict.fromkeys(cell.label for cell in cells):
+        mine = [c for c in cells if c.label == label and c.ok and c.rmse_full >= 0]
+        ranked.append(
+            Ranked(
+                label,
+                _geometric([_over(c.rmse_full, best[_where(c)]) for c in mine]),
+                _geometric([c.rmse_full / c.bound for c in mine if c.bound > 0 and c.bound_kind == "exact"]),
+                _geometric([c.cpu_per_element_s for c in mine if c.cpu_per_element_s > 0]),
+                min((c.coverage for c in mine), default=math.nan),
+                len(mine),
+                total,
+            )
+        )
+    return sorted(ranked, key=lambda r: (-r.cells, r.error_ratio if math.isfinite(r.error_ratio) else math.inf))
+
+
+def _where(cell: Cell) -> tuple[str, ...]:
+    return (cell.scene, cell.stage, cell.quantity, cell.condition, cell.stress, cell.level, cell.stress2, cell.level2)
+
+
+def _over(error: float, smallest: float) -> float:
+    """error/smallest, where both may be zero: a scene without noise."""
+    return error / smallest if smallest > 0 else 1.0 if error == 0 else math.inf
+
+
+def _geometric(values: list[float]) -> float:
+    if 0.0 in values:
+        return 0.0
+    return math.exp(sum(map(math.log, values)) / len(values)) if values else math.nan
+
+
+def _one_condition(cells: list[Cell]) -> tuple[list[Cell], str]:
+    """The cells of one condition, "matched" where there is one, and how to say so: figures of two are not pooled."""
+    names = list(dict.fromkeys(cell.condition for cell in cells))
+    chosen = "matched" if "matched" in names else (names[0] if names else "")
+    return [c for c in cells if c.condition == chosen], f" ({chosen})" if len(names) > 1 else ""
+
+
+def beaten_by_best(cells: list[Cell], ranked: list[Ranked]) -> tuple[int, int]:
+    """(certainly worse than the first of `ranked`, all others) of those that answered wherever it did.
+
+    Over scenes, by paired differences with Holm's correction, as ranking.csv has it: below six scenes none is certain.
+    """
+    from ..statistics.pairs import pairwise
+
+    names = [r.label for r in ranked if r.cells == ranked[0].cells]
+    scenes = sorted({cell.scene for cell in cells})
+    squares: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for cell in cells:
+        if cell.ok and cell.rmse_full >= 0:
+            squares.setdefault((cell.label, cell.scene), []).append((cell.n, cell.n * cell.rmse_full**2))
+    kept = [s for s in scenes if all((name, s) in squares for name in names)]
+    if len(names) < 2 or not kept:
+        return 0, len(names) - 1
+    sums = [[[sum(part) for part in zip(*squares[name, s], strict=True)] for s in kept] for name in names]
+    figures = [[max(math.sqrt(square / n), 1e-150) if n > 0 else math.nan for n, square in row] for row in sums]
+    pairs = pairwise(names, figures) if all(map(math.isfinite, chain.from_iterable(figures))) else []
+    return sum(pair.winner == names[0] for pair in pairs), len(names) - 1
+
+
+def failures_of(cells: list[Cell]) -> dict[str, list[Cell]]:
+    """For each estimator, the cells where it did not run or failed on more than a tenth of the elements."""
+    return {
+        label: [cell for cell in cells if cell.label == label and cell.fails]
+        for label in dict.fromkeys(cell.label for cell in cells)
+    }
+
+
+def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
+    """Why an estimator was skipped, by label; several reasons are joined."""
+    found: dict[str, dict[str, None]] = {}
+    for cell in cells:
+        for status in cell.statuses:
+            if reason := skip_reason(status):
+                found.setdefault(cell.label, {})[reason] = None
+    return {label: "; ".join(reasons) for label, reasons in found.items()}
+
+
+def summary(table: pd.DataFrame) -> list[str]:
+    """Three sentences: the smallest error and whether it is beyond doubt, the fastest, and who fails."""
+    cells = cells_of(table)
+    base, where = _one_condition(base_cells(cells))
+    ranked = [r for r in rank(base) if r.cells]
+    said = failures_of([cell for cell in cells if not cell.mixed])
+    scenes, seeds = len({cell.scene for cell in cells}), len(seeds_of(table))
+    if not ranked:
+        return [
+            "No estimator gave a result.",
+            f"{plural(scenes, 'scene')} and {plural(seeds, 'seed')} were tried.",
+            "The list of failures below says why.",
+        ]
+    best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
+    example = min((c for c in base if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None)
+    factor, unit = unit_scale(example.unit if example else "")
+    detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
+    near = f", {best.bound_ratio:.2f} times the exact bound in the mean" if math.isfinite(best.bound_ratio) else ""
+    beaten, others = beaten_by_best(base, ranked)
+    claim = "is the most accurate" if beaten == others > 0 else "has the smallest error"
+    doubt = f"; {beaten} of {plural(others, 'other')} certainly worse over scenes" if others > beaten else ""
+    first = (
+        f"On {plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}, {best.label} {claim}{detail}{near}{doubt}."
+    )
+    if fastest.label == best.label:
+        second = f"It is also the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun}."
+    else:
+        second = (
+            f"{fastest.label} is the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun} "
+            f"({number(best.cpu_per_element_s / fastest.cpu_per_element_s)} times less) "
+            f"at {number(fastest.error_ratio)} times the smallest error."
+        )
+    failing = [label for label, places in said.items() if places]
+    if failing:
+        several = "estimators fail" if len(failing) > 1 else "estimator fails"
+        third = f"{len(failing)} {several} somewhere on over 10 % of the {noun}s: {_listed(failing)}."
+    else:
+        third = f"No estimator fails on more than 10 % of the {noun}s anywhere."
+    return [first, second, third]
+
+
+def _fastest(ranked: list[Ranked]) -> Ranked:
+    most = max(r.cells for r in ranked)
+    timed = [r for r in ranked if r.cells == most and r.cpu_per_element_s > 0]
+    return min(timed or ranked, key=lambda r: r.cpu_per_element_s)
+
+
+def closing_lines(scores: pd.DataFrame) -> list[str]:
+    """The last words of a run in the terminal: best, fastest, and where each estimator fails."""
+    cells = cells_of(scores)
+    base, where = _one_condition(base_cells(cells))
+    ranked = [r for r in rank(base) if r.cells]
+    if not ranked:
+        lines = ["best     none: no estimator gave a result"]
+    else:
+        best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
+        near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
+        speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
+        beaten, others = beaten_by_best(base, ranked)
+        doubt = f", {beaten} of {plural(others, 'other')} certainly worse" if others else ""
+        lines = [
+            f"best     {best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}"
+        ]
+        lines.append(
+            f"fastest  {fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
+            f"{number(fastest.error_ratio)} x the smallest error"
+        )
+    said = failures_of([cell for cell in cells if not cell.mixed])
+    for label, places in said.items():
+        if not places:
+            continue
+        shown = [_failure(cell) for cell in places[:3]]
+        more = f"; and {plural(len(places) - 3, 'more place')}" if len(places) > 3 else ""
+        lines.append(f"fails    {label}: " + "; ".join(shown) + more)
+    for label, reason in skips_of_cells(cells).items():
+        lines.append(f"skipped  {label}: {reason}")
+    if ranked and not any(said.values()):
+        lines.append(f"fails    none: every estimator failed on at most 10 % of the {cells[0].noun}s everywhere")
+    return lines
+
+
+def _failure(cell: Cell) -> str:
+    what = f"{rate(cell.failure_rate)} of {cell.noun}s" if cell.ok else cell.status.partition(":")[0]
+    return f"{cell.place} ({what})"
+
+
+def _listed(names: list[str], most: int = 4) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def plural(count: int, noun: str) -> str:
+    """`1 scene`, `3 scenes`."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number of `digits` significant digits without an exponent where that reads well; a dash where there is none."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if not -4 <= size < 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(0, digits - 1 - size)}f}"
+
+
+def span(low: float, high: float) -> str:
+    """` [low, high]`, nothing where an end is unknown."""
+    return f" [{number(low)}, {number(high)}]" if math.isfinite(low) and math.isfinite(high) else ""
+
+
+def rate(value: float) -> str:
+    """A share as a percentage. Never rounds a share below one up to 100 %, nor one above zero down to 0 %."""
+    if not math.isfinite(value):
+        return "–"
+    text = f"{100 * value:.1f}"
+    if text == "100.0":
+        return "100 %" if value >= 1 else "> 99.9 %"
+    if text == "0.0":
+        return "0 %" if value <= 0 else "< 0.1 %"
+    return f"{text} %"
+
+
+def time_text(seconds: float) -> str:
+    """A time in the unit that reads best, ns to s."""
+    if not (math.isfinite(seconds) and seconds > 0):
+        return "–"
+    for factor, unit in ((1e9, "ns"), (1e6, "µs"), (1e3, "ms")):
+        if seconds * factor < 1000:
+            return f"{number(seconds * factor)} {unit}"
+    return f"{number(seconds)} s"

@@ -1,0 +1,1 @@
+"""Estimators in watched child processes: what passes to them, and what comes back."""

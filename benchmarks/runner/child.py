@@ -1,0 +1,222 @@
+"""One estimator in its own process: reads captures, times the call, writes the estimate. Started by `runner`.
+
+    python -P -m beambench.benchmarks.runner.child LABEL JOBS_FD EVENTS_FD
+
+Jobs come as lines of JSON on one pipe, events leave on another; standard output belongs to the estimator. The truth,
+and the place where it is kept, are never sent here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import json
+import os
+import resource
+import signal
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+__all__ = ["main"]
+
+#: Calls shorter than this in all are repeated, so that a time is a median with a spread and not one draw.
+_ENOUGH_S = 0.1
+_MOST_CALLS = 5
+#: A call is made at least this often, unless calls took this long already.
+_LEAST_CALLS, _LONG_S = 3, 1.0
+
+
+def _die_with_parent() -> None:
+    """Ask Linux to end this process when the runner ends, however it ends."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG = 1
+        if os.getppid() == 1:
+            os._exit(1)
+
+
+def _status_bytes(key: str) -> int:
+    """A line of /proc/self/status in bytes (`VmRSS`, `VmHWM`)."""
+    with open("/proc/self/status", encoding="ascii") as file:
+        for line in file:
+            if line.startswith(key + ":"):
+                return int(line.split()[1]) * 1024
+    raise OSError(f"no {key}")
+
+
+def _baseline() -> int:
+    """Return freed memory to the system, restart the high-water mark, and return the resident size in bytes."""
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:  # glibc only: other allocators keep freed pages, which then stay in the baseline
+        trim(0)
+    with open("/proc/self/clear_refs", "w", encoding="ascii") as file:
+        file.write("5")
+    return _status_bytes("VmRSS")
+
+
+def _cpu_s() -> float:
+    """CPU time of this process, all threads, and of its ended children."""
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime
+
+
+def _touch(capture: Any) -> None:
+    """Read every page of the input, so that no call pays for the disk."""
+    for variable in capture.variables.values():
+        if variable.values.size and variable.dtype.kind in "fiub":
+            variable.values.max()
+
+
+def _again(wall: list[float]) -> bool:
+    """Whether calls of these times leave their median in doubt."""
+    spent = sum(wall)
+    few = len(wall) < _LEAST_CALLS and spent < _LONG_S
+    return not wall or few or (len(wall) < _MOST_CALLS and spent < _ENOUGH_S)
+
+
+def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, Any]]:
+    """The estimate; CPU and wall time, each call's and the median; peak memory above the baseline, of the first call."""
+    _touch(capture)
+    try:
+        before = _baseline()
+    except OSError:
+        before = -1  # a system without these files: the peak is then unknown, and said so
+    cpu: list[float] = []
+    wall: list[float] = []
+    result, peak = None, -1
+    while _again(wall):
+        cpu_start, wall_start = _cpu_s(), time.perf_counter()
+        answer = call(capture)
+        wall.append(time.perf_counter() - wall_start)
+        cpu.append(_cpu_s() - cpu_start)
+        if len(wall) == 1:
+            result = answer
+            peak = max(_status_bytes("VmHWM") - before, 0) if before >= 0 else -1
+    middle = (len(wall) - 1) // 2
+    return result, {
+        "cpu_s": sorted(cpu)[middle],
+        "wall_s": sorted(wall)[middle],
+        "cpu_calls": cpu,
+        "wall_calls": wall,
+        "peak_bytes": peak,
+    }
+
+
+def _save(result: Any, folder: Path, shape: list[int], quantity: str, dims: list[str]) -> str:
+    """Write the result's arrays; returns what is wrong with it, or ""."""
+    import numpy as np
+    import xarray as xr
+
+    if not isinstance(result, xr.Dataset):
+        return f"returned {type(result).__name__}, not a Dataset"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (quantity, "sigma", "valid"):
+        if name not in result:
+            return f"no variable {name!r}"
+        variable = result[name]
+        if list(map(str, variable.dims)) != dims:
+            return f"{name} has dims {tuple(map(str, variable.dims))}, not {tuple(dims)}"
+        if list(variable.shape) != shape:
+            return f"{name} has shape {tuple(variable.shape)}, not {tuple(shape)}"
+        if variable.dtype.kind not in "fbiu":
+            return f"{name} is of type {variable.dtype}"
+        np.save(folder / f"{name}.npy", np.ascontiguousarray(variable.values), allow_pickle=False)
+    return ""
+
+
+def _bind(label: str) -> tuple[Callable[[Any], Any], str, Callable[[Any], str]]:
+    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), the
+    modality that it reads, and what tells why a capture's declared rig is none for it."""
+    from ...estimators.labels import check_parameters, parse_label
+    from ...estimators.registry import get_estimator
+
+    name, params = parse_label(label)
+    chosen = get_estimator(name)
+    return (
+        partial(chosen.function, **check_parameters(chosen.function, params, where=name)),
+        chosen.modality,
+        chosen.unfit,
+    )
+
+
+def _home(label: str) -> str:
+    """Where a plug-in comes from, as "module:function"; "" for a built-in."""
+    from importlib.metadata import entry_points
+
+    from ...estimators.registry import ENTRY_POINT_GROUP
+
+    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == label.partition("[")[0]]
+    return found[0] if found else ""
+
+
+def main(arguments: list[str]) -> int:
+    """Serve jobs until the pipe closes."""
+    label, jobs_fd, events_fd = arguments[0], int(arguments[1]), int(arguments[2])
+    _die_with_parent()
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for fd in (jobs_fd, events_fd):
+        os.set_inheritable(fd, False)  # what an estimator starts must not hold the pipes open
+
+    def tell(**event: Any) -> None:
+        os.write(events_fd, (json.dumps(event) + "\n").encode())
+
+    def describe(error: BaseException) -> str:
+        return f"{type(error).__name__}: {error}"[:500]
+
+    from .estimator_labels import missing_package
+    from .protocol import open_capture
+
+    try:
+        call, modality, unfit = _bind(label)
+    except BaseException as error:
+        absent = missing_package(error, _home(label))
+        tell(event="refused", message=f"skip: needs the package {absent}" if absent else describe(error))
+        return 0
+    tell(event="started")
+    warm = False
+    capture: Any = None
+    result: Any = None
+    with os.fdopen(jobs_fd, encoding="utf-8") as jobs:
+        for line in jobs:
+            job = json.loads(line)
+            if job["modality"] != modality:
+                tell(event="skip", job=job["job"], message=f"reads {modality} captures, not {job['modality']}")
+                continue
+            try:
+                capture = open_capture(Path(job["input"]), job["condition"])
+                # Told by the declared rig, before the call: an estimator cannot leave captures out by their data.
+                if reason := unfit(capture):
+                    tell(event="skip", job=job["job"], message=reason)
+                    continue
+                if not warm:
+                    call(capture)
+                    warm = True
+                tell(event="warm", job=job["job"])
+                if job["only_warm"]:
+                    continue
+                result, figures = _measure(call, capture) if job["timed"] else (call(capture), {})
+                wrong = _save(result, Path(job["output"]), job["shape"], job["quantity"], job["dims"])
+            except MemoryError as error:
+                tell(event="memory", job=job["job"], message=describe(error))
+            except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result
+                absent = "" if warm else missing_package(error, _home(label))
+                if absent:  # told before the first answer, for all captures: none can be left out by choice
+                    tell(event="refused", message=f"skip: needs the package {absent}")
+                    return 0
+                tell(event="error", job=job["job"], message=describe(error))
+            else:
+                event = {"event": "invalid", "message": wrong} if wrong else {"event": "done"}
+                tell(job=job["job"], **event, **figures)
+            finally:
+                capture, result = None, None
+    return 0
+
+
+if __name__ == "__main__":
+    code = main(sys.argv[1:])
+    # All is told: tearing an interpreter with compiled code down takes longer than many an estimator.
+    os._exit(code)

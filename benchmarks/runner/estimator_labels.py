@@ -1,0 +1,125 @@
+"""The estimators of a suite, checked before anything runs: known names, known parameters, no two alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...scenes.errors import InputError
+
+__all__ = ["Chosen", "check_estimators", "missing_package"]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """An estimator of a suite: its name, its parameters as `key=value,...` (keys sorted), and both as one label."""
+
+    name: str
+    params: str
+    label: str
+
+
+def missing_package(error: BaseException | None, home: str = "") -> str:
+    """The package that an import did not find, "" where that is not what went wrong.
+
+    A missing module of ours, of the estimator's own package (`home`: its "module:function"), or inside a package that
+    is installed, is a bug of theirs and no missing extra.
+    """
+    from importlib.util import find_spec
+
+    while error is not None and not isinstance(error, ModuleNotFoundError):
+        error = error.__cause__
+    top = (error.name or "").partition(".")[0] if error is not None else ""
+    own = {"beambench", home.partition(":")[0].partition(".")[0]}
+    return top if top and top not in own and find_spec(top) is None else ""
+
+
+#: Parameters of built-ins that name a file: an estimator's child starts in an empty folder of its own.
+_FILES = frozenset({"weights"})
+
+
+def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str, Any] | None = None) -> list[Chosen]:
+    """Parse and check labels; keys are sorted, and files that they name become absolute paths.
+
+    Main arguments:
+        labels: `name` or `name[key=value,...]`, each once.
+    Other arguments:
+        beside: the suite that lists the labels, as it was given: a relative file is looked up beside its file first, then
+            in the working folder.
+
+    Parameters of built-ins are checked here. A plug-in's code is never imported by the parent, which holds the truth:
+    its parameters are checked by its child, and a bad one is the status of its rows.
+
+    Raises:
+        InputError: unknown name (with near matches), bad syntax, unknown or bad parameter, the same label twice, a file
+            that does not exist, one label in place of a list.
+    """
+    if isinstance(labels, str):
+        raise InputError(
+            "Estimators are given as a list of labels.",
+            where="estimators",
+            value=labels,
+            allowed="a list of name or name[key=value,...]",
+            next_step=f"[{labels!r}]",
+        )
+    import difflib
+
+    from ...estimators import BUILTIN
+    from ...estimators.labels import check_parameters, format_label, parse_label
+    from ...estimators.registry import get_estimator, list_estimators
+
+    known = set(list_estimators())
+    chosen: list[Chosen] = []
+    for label in labels:
+        name, params = parse_label(label)
+        if name not in known:
+            near = difflib.get_close_matches(name, sorted(known), n=3)
+            raise InputError(
+                "There is no such estimator.",
+                where="estimators",
+                value=name,
+                allowed=", ".join(sorted(known)),
+                next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimators list",
+            )
+        if name in BUILTIN:
+            try:
+                check_parameters(get_estimator(name).function, params, where=name)
+            except InputError as error:
+                if not missing_package(error, BUILTIN[name]):  # else its child is skipped, with that reason
+                    raise
+            params = {key: _file(name, key, value, beside) if key in _FILES else value for key, value in params.items()}
+        full = format_label(name, params)
+        if any(other.label == full for other in chosen):
+            raise InputError("An estimator is listed twice.", where="estimators", value=full, allowed="each label once")
+        inside = full[len(name) + 1 : -1] if params else ""
+        chosen.append(Chosen(name, inside, full))
+    return chosen
+
+
+def _file(name: str, key: str, value: Any, beside: str | Path | Mapping[str, Any] | None) -> Any:
+    """The absolute path of the file that a parameter names; None, for the one that ships, stays."""
+    if value is None:
+        return None
+    given = Path(str(value)).expanduser()
+    folders = [Path.cwd()]
+    if isinstance(beside, str | Path):
+        folders.insert(0, Path(beside).expanduser().parent)
+    for folder in folders:
+        if (folder / given).is_file():
+            path = str((folder / given).resolve())
+            if not set(path) & set(",[]") and path == path.strip():
+                return path
+            raise InputError(
+                "The file's path cannot stand in a label.", where=f"{name}[{key}]", value=path,
+                allowed="no comma, no square bracket, no space at its end", next_step="copy the file to another folder",
+            )  # fmt: skip
+    raise InputError(
+        "There is no such file.",
+        where=f"{name}[{key}]",
+        value=str(value),
+        allowed="a file, by its absolute path or relative to "
+        + " or ".join(dict.fromkeys(str(folder.resolve()) for folder in folders)),
+        next_step="beambench estimators train --data FOLDER --out FILE" if key == "weights" else "check the path",
+    )

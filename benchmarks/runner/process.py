@@ -1,0 +1,165 @@
+"""A child process and its pipes: start it on one thread, talk to it, watch it, end it with all that it started."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from .protocol import THREAD_VARIABLES
+
+__all__ = ["Child", "child_environment"]
+
+_SCAN_S = 0.5  # descendants: their list costs a walk through all processes
+_TAIL = 2000  # bytes kept of what a child printed
+
+
+def child_environment() -> dict[str, str]:
+    """The parent's environment with one thread for every library, its import path, and steady hashes."""
+    environment = dict(os.environ)
+    environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    # The child starts in an empty folder; what the parent could import, it can.
+    environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    environment["PYTHONHASHSEED"] = "0"
+    environment.pop("PYTHONSTARTUP", None)
+    return environment
+
+
+class Child:
+    """A started child and its pipes."""
+
+    def __init__(self, label: str, folder: Path) -> None:
+        jobs_read, jobs_write = os.pipe()
+        events_read, events_write = os.pipe()
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "beambench.benchmarks.runner.child",
+            label,
+            str(jobs_read),
+            str(events_write),
+        ]
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=(jobs_read, events_write),
+                start_new_session=True,
+                cwd=folder,
+                env=child_environment(),
+            )
+        except BaseException:
+            os.close(jobs_write)
+            os.close(events_read)
+            raise
+        finally:
+            os.close(jobs_read)
+            os.close(events_write)
+        assert self.process.stdout is not None
+        self.jobs, self.events, self.output = jobs_write, events_read, self.process.stdout.fileno()
+        self.started = self.warm = False
+        self.buffer = b""
+        self.printed, self.tail = 0, b""
+        self._descendants: list[Any] = []
+        self._scanned = 0.0
+        for fd in (self.events, self.output):
+            os.set_blocking(fd, False)
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send one line of JSON."""
+        with contextlib.suppress(BrokenPipeError):  # a dead child is told by the end of its events
+            os.write(self.jobs, (json.dumps(message) + "\n").encode())
+
+    def read_output(self) -> bool:
+        """Drain what the estimator printed, keeping its end. False at the end of the stream."""
+        data = _read(self.output)
+        if data is None:
+            return True
+        self.printed += len(data)
+        self.tail = (self.tail + data)[-_TAIL:]
+        return bool(data)
+
+    def read_events(self) -> tuple[list[dict[str, Any]], bool]:
+        """Whole lines of events, and whether the pipe is still open. A line that is no event ends the child."""
+        data = _read(self.events)
+        if data is None:
+            return [], True
+        self.buffer += data
+        *lines, self.buffer = self.buffer.split(b"\n")
+        events = [json.loads(line) for line in lines]
+        if len(self.buffer) > 1 << 16 or any(not isinstance(event, dict) for event in events):
+            raise ValueError("the child sent no events")
+        return events, bool(data)
+
+    def resident_bytes(self) -> int:
+        """Resident memory of the child and of all that it started, as far as they were found."""
+        import psutil
+
+        total = 0
+        try:
+            process = psutil.Process(self.process.pid)
+            if time.monotonic() - self._scanned > _SCAN_S:
+                self._descendants, self._scanned = process.children(recursive=True), time.monotonic()
+            for member in (process, *self._descendants):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    total += member.memory_info().rss
+        except psutil.Error:
+            return total
+        return total
+
+    def ended(self, timeout_s: float) -> bool:
+        """Wait for the child's end without reaping it, so that its group keeps its number until it is killed."""
+        until = time.monotonic() + timeout_s
+        while os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None:
+            if time.monotonic() > until:
+                return False
+            time.sleep(0.005)
+        return True
+
+    def kill(self) -> None:
+        """Kill the child's process group."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+    def end(self, *, kill: bool) -> int:
+        """Close the pipes, let the child go or kill it and all that it started, and return its exit code."""
+        import psutil
+
+        if self.process.returncode is not None:
+            return self.process.returncode
+
+        with contextlib.suppress(OSError):
+            os.close(self.jobs)
+        try:
+            descendants = psutil.Process(self.process.pid).children(recursive=True)
+        except psutil.Error:
+            descendants = []
+        if not kill:
+            self.ended(2.0)
+        self.kill()
+        for member in (*self._descendants, *descendants):  # those that left the group
+            with contextlib.suppress(psutil.Error):
+                member.kill()
+        code = self.process.wait()
+        os.close(self.events)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return code
+
+
+def _read(fd: int) -> bytes | None:
+    """Up to 64 KiB; b"" at the end, None where nothing waits."""
+    try:
+        return os.read(fd, 1 << 16)
+    except BlockingIOError:
+        return None

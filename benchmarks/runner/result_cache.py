@@ -1,0 +1,183 @@
+"""Answers kept between runs: the same capture, estimator, parameters and machine need not be measured twice.
+
+The key is a SHA-256 over everything that an answer can depend on: every byte that the child is shown (arrays, and the
+declared rig of the condition), the label with its parameters, the estimator's source, the versions of the packages, and
+the machine. Only answers with status "ok" are kept: a failure or a skip is tried anew. Scores are computed from the
+answer each time, so that truth, bounds and thresholds never come from here; times and memory are those of the first
+measurement, and marked so (costs.csv, `source`).
+
+A run uses it only when told to (`--cache`): times are half of what a run tells, and by default they are measured.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...scenes.errors import InputError
+from ..folders.record import machine, versions
+from .estimator_labels import Chosen
+from .session import Job, Outcome
+
+__all__ = ["ResultCache", "cache_root", "source_of"]
+
+#: The oldest answers go when the cache grows over this.
+_MOST_BYTES = 2 * 2**30
+_COSTS = ("cpu_s", "wall_s", "peak_bytes")
+
+
+def cache_root() -> Path:
+    """(user cache)/beambench/results."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "beambench" / "results"
+
+
+@lru_cache(maxsize=64)
+def source_of(name: str) -> str:
+    """A hash of an estimator's source and version, "" where its source cannot be named: then nothing is kept of it.
+
+    Built-ins share one hash of the rooms that estimators may import. A plug-in's is over its distribution's files;
+    one that is installed for editing lists none of its own, and is not kept.
+    """
+    from ...estimators import BUILTIN
+
+    if name in BUILTIN:
+        return _rooms()
+    from importlib.metadata import entry_points
+
+    from ...estimators.registry import ENTRY_POINT_GROUP
+
+    points = [point for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == name]
+    home = points[0].dist if len(points) == 1 else None
+    if home is None:
+        return ""
+    module = points[0].value.partition(":")[0].replace(".", "/")
+    files = [path for path in home.files or () if path.suffix in {".py", ".so", ".pyd"}]
+    if not any(str(path).startswith(module.split("/")[0]) for path in files):
+        return ""
+    digest = hashlib.sha256(f"{home.name} {home.version}".encode())
+    for path in sorted(files, key=str):
+        try:
+            digest.update(str(path).encode() + Path(str(path.locate())).read_bytes())
+        except OSError:
+            return ""
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _rooms() -> str:
+    folder = Path(__file__).resolve().parent
+    digest = hashlib.sha256()
+    import importlib.util
+
+    for room in ("estimators", "optics", "captures", "scenes"):
+        spec = importlib.util.find_spec(f"beambench.{room}")
+        if spec is None or not spec.submodule_search_locations:
+            raise InputError("A room of the package is missing.", where=str(folder), value=room)
+        place = Path(next(iter(spec.submodule_search_locations)))
+        # Weights that ship count as source.
+        for path in sorted([*place.rglob("*.py"), *place.rglob("*.npz")]):
+            digest.update(f"{room}/{path.relative_to(place)}".encode() + path.read_bytes())
+    digest.update((folder / "child.py").read_bytes())  # how a call is timed
+    return digest.hexdigest()
+
+
+def _named_files(label: str) -> list[str]:
+    """SHA-256 of the files that a label's parameters name (weights): their path alone does not tell what is in them."""
+    from ...estimators.labels import parse_label
+
+    values = [value for value in parse_label(label)[1].values() if isinstance(value, str) and os.path.isabs(value)]
+    return [hashlib.sha256(Path(value).read_bytes()).hexdigest() for value in sorted(values) if os.path.isfile(value)]
+
+
+class ResultCache:
+    """Answers on disk, one file each.
+
+    Main arguments:
+        root: the folder; made when first written. `hits` and `kept` count what was found and added.
+    """
+
+    def __init__(self, root: Path | None = None) -> None:
+        self.root = root if root is not None else cache_root()
+        self.hits = self.kept = 0
+        self._setting = json.dumps([machine(), versions()], sort_keys=True)
+        self._captures: dict[tuple[Path, str], str] = {}
+
+    def key(self, job: Job, chosen: Chosen) -> str:
+        """The answer's name, "" where the estimator's source is unknown."""
+        source = source_of(chosen.name)
+        if not source:
+            return ""
+        parts = [self._capture(job), chosen.label, source, self._setting, *_named_files(chosen.label)]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def _capture(self, job: Job) -> str:
+        place = (job.folder, job.condition)
+        if place not in self._captures:
+            digest = hashlib.sha256()
+            for path in sorted(job.folder.iterdir()):
+                if path.suffix == ".npy" or path.name == f"meta-{job.condition}.json":
+                    shown = "meta" if path.suffix == ".json" else path.name
+                    digest.update(shown.encode() + hashlib.sha256(path.read_bytes()).digest())
+            self._captures[place] = digest.hexdigest()
+        return self._captures[place]
+
+    def get(self, job: Job, chosen: Chosen) -> Outcome | None:
+        """The kept answer, None where there is none or its file is damaged."""
+        key = self.key(job, chosen)
+        path = self.root / f"{key}.npz"
+        if not key or not path.is_file():
+            return None
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                arrays = {name: data[name] for name in ("range", "sigma", "valid")}
+                costs = [float(value) for value in data["costs"]]
+                cpu_calls, wall_calls = (tuple(map(float, data[name])) for name in ("cpu_calls", "wall_calls"))
+        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+            return None
+        if any(array.shape != job.shape for array in arrays.values()) or len(costs) != len(_COSTS):
+            return None
+        self.hits += 1
+        cpu_s, wall_s, peak_bytes = costs
+        return Outcome(
+            job, "ok", arrays, cpu_s=cpu_s, wall_s=wall_s, peak_bytes=peak_bytes, cpu_calls=cpu_calls,
+            wall_calls=wall_calls,
+        )  # fmt: skip
+
+    def put(self, outcome: Outcome, chosen: Chosen) -> None:
+        """Keep an answer, unless it is a failure. A cache that cannot be written is left alone."""
+        key = self.key(outcome.job, chosen) if outcome.status == "ok" else ""
+        if not key:
+            return
+        partial = self.root / f"{key}.{os.getpid()}.partial"
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            arrays: dict[str, Any] = {name: outcome.arrays[name] for name in ("range", "sigma", "valid")}
+            with open(partial, "wb") as file:
+                for name in ("cpu_calls", "wall_calls"):
+                    arrays[name] = np.array(getattr(outcome, name), np.float64)
+                np.savez_compressed(file, costs=np.array([getattr(outcome, name) for name in _COSTS]), **arrays)
+            os.replace(partial, self.root / f"{key}.npz")
+        except OSError:
+            partial.unlink(missing_ok=True)
+            return
+        self.kept += 1
+
+    def prune(self) -> None:
+        """Remove the oldest answers until the cache is within its size."""
+        if not self.root.is_dir():
+            return
+        found = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in self.root.glob("*.npz"))
+        total = sum(size for _, size, _ in found)
+        for _, size, path in found:
+            if total <= _MOST_BYTES:
+                return
+            path.unlink(missing_ok=True)
+            total -= size

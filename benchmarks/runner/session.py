@@ -1,0 +1,266 @@
+"""Run one estimator over many captures in a child process; whatever the child does becomes a status, no exception.
+
+The child is watched, not trusted: wall time, resident memory (of it and its descendants, by polling) and printed output
+are limited here, and a child that crashes, hangs or grows is killed with its whole process group and started again for
+the captures that remain.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import shutil
+import signal
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..scores.skips import GAVE_UP
+from ..suites.spec import Limits
+from .process import Child
+from .protocol import RESULT, read_results
+
+__all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
+
+#: How often the parent looks at the child's memory, s. A child can grow past its limit by what it fills in this time.
+_POLL_S = 0.02
+_REFUSED = "error: refused: "
+
+
+@dataclass(frozen=True)
+class Job:
+    """One capture under one condition for one estimator. `shape` is that of the result's arrays.
+
+    `timed` False: one call, without its times and memory, which costs less where only the answer counts.
+    """
+
+    index: int
+    folder: Path
+    condition: str
+    modality: str
+    shape: tuple[int, ...]
+    timed: bool = True
+
+
+@dataclass
+class Outcome:
+    """What came of a job. `status` is "ok", or one of crash:, timeout:, memory:, flood:, error:, invalid:, skip:.
+
+    `cpu_s`, `wall_s`: median over the timed calls, which `cpu_calls` and `wall_calls` hold one by one.
+    """
+
+    job: Job
+    status: str
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    cpu_s: float = float("nan")
+    wall_s: float = float("nan")
+    peak_bytes: float = float("nan")
+    printed: str = ""
+    cpu_calls: tuple[float, ...] = ()
+    wall_calls: tuple[float, ...] = ()
+
+
+class Session:
+    """One estimator and its jobs: start, warm up, then run.
+
+    The three are apart so that several estimators may start and compile side by side, while timed calls have the
+    machine to themselves. Starting and running belong to one thread: a child ends with the thread that started it.
+
+    Main arguments:
+        label: the estimator, `name[key=value]`. jobs: in order, at least one. limits: per capture.
+        scratch: a private folder for the child's answers; each is deleted when it has been handed on.
+    """
+
+    def __init__(self, label: str, jobs: Sequence[Job], limits: Limits, scratch: Path) -> None:
+        self.label, self.jobs, self.limits, self.scratch = label, list(jobs), limits, scratch
+        self._child: Child | None = None
+        self._first: Outcome | None = None
+        self._refused = ""
+        self._answered = False
+
+    def start(self) -> None:
+        """Start the child; it imports meanwhile."""
+        self._child = Child(self.label, self.scratch / "cwd")
+
+    def warm_up(self) -> None:
+        """Let the child call its estimator on the first capture, untimed. What fails here is told by `run`."""
+        if self._child is not None and self.jobs:
+            self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
+
+    def run(self, on_outcome: Callable[[Outcome], None]) -> None:
+        """Do all jobs, starting the child again where needed, and hand each outcome on.
+
+        An estimator that exceeds its limits `limits.give_up_after` times in a row is not started again: its remaining
+        jobs are "skip: gave up ...", which scores like a refusal of every element.
+        """
+        exceeded = 0
+        for number, job in enumerate(self.jobs):
+            if number == 0 and self._first is not None:
+                outcome: Outcome | None = self._first
+            elif self._refused:
+                outcome = Outcome(job, self._refused)
+            elif exceeded >= self.limits.give_up_after:
+                outcome = Outcome(job, f"{GAVE_UP} {exceeded} times in a row")
+            else:
+                if self._child is None:
+                    self.start()
+                assert self._child is not None
+                outcome = self._attempt(self._child, job, only_warm=False)
+            assert outcome is not None
+            if not outcome.status.startswith(GAVE_UP):
+                exceeded = exceeded + 1 if outcome.status.startswith(("timeout:", "memory:")) else 0
+            on_outcome(outcome)
+            shutil.rmtree(self._answer(job), ignore_errors=True)
+
+    def close(self, *, kill: bool = False) -> None:
+        """Let the child go, or kill it."""
+        if self._child is not None:
+            self._child.end(kill=kill)
+            self._child = None
+
+    def kill(self) -> None:
+        """End the child at once; whoever waits for it is told of a crash. Safe from any thread."""
+        if (child := self._child) is not None:
+            child.kill()
+
+    def _answer(self, job: Job) -> Path:
+        return self.scratch / f"answer-{job.index}-{job.condition}"
+
+    def _attempt(self, child: Child, job: Job, *, only_warm: bool) -> Outcome | None:
+        """One job, or its warm-up alone (None: it is warm). A child that cannot go on is ended."""
+        outcome, alive = _one(child, job, self.limits, self._answer(job), only_warm)
+        if not alive:
+            self.close(kill=True)
+            assert outcome is not None
+            if outcome.status.startswith(_REFUSED):
+                reason = outcome.status.removeprefix(_REFUSED)
+                # A skip is told before the first capture is answered, or it is an error: none is left out by choice.
+                skipped = reason.startswith("skip: ") and not self._answered
+                outcome.status = self._refused = reason if skipped else f"error: {reason}"
+        elif outcome is not None:
+            self._answered = True
+        return outcome
+
+
+def run_jobs(
+    label: str, jobs: Sequence[Job], limits: Limits, scratch: Path, on_outcome: Callable[[Outcome], None]
+) -> None:
+    """Run one estimator over `jobs` in one child, started again where needed. Arguments as for `Session`."""
+    run_sessions([Session(label, jobs, limits, scratch)], lambda _, outcome: on_outcome(outcome))
+
+
+def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome], None]) -> None:
+    """Run sessions in waves of as many as there are cores: warm-ups side by side, then timed calls one at a time.
+
+    `on_outcome` gets the session's number and what came of each job.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    width = max(1, len(os.sched_getaffinity(0)))
+    for first in range(0, len(sessions), width):
+        wave = [(n, session) for n, session in enumerate(sessions[first : first + width], first) if session.jobs]
+        try:
+            for _, session in wave:
+                session.start()
+            with ThreadPoolExecutor(max_workers=width) as pool:
+                try:
+                    list(pool.map(lambda item: item[1].warm_up(), wave))
+                except BaseException:  # Ctrl-C: the threads wait for their children, so these go first
+                    for _, session in wave:
+                        session.kill()
+                    raise
+            for number, session in wave:
+                session.run(partial(on_outcome, number))
+                session.close()
+        finally:
+            for _, session in wave:
+                session.close(kill=True)
+
+
+def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) -> tuple[Outcome | None, bool]:
+    """Send one job and wait for what comes of it (None: warm, which was all), and whether the child can go on."""
+    quantity, dims = RESULT[job.modality]
+    child.printed, child.tail = 0, b""
+    message = {
+        "job": job.index, "input": str(job.folder), "condition": job.condition, "output": str(answer),
+        "shape": list(job.shape), "quantity": quantity, "dims": list(dims), "modality": job.modality,
+        "only_warm": only_warm, "timed": job.timed,
+    }  # fmt: skip
+    child.send(message)
+    first = not child.warm
+    deadline = time.monotonic() + (limits.warmup_s if first else limits.time_s)
+    with selectors.DefaultSelector() as selector:
+        selector.register(child.events, selectors.EVENT_READ)
+        selector.register(child.output, selectors.EVENT_READ)
+        while True:
+            ready = {key.fd for key, _ in selector.select(_POLL_S)}
+            if child.output in ready and not child.read_output():
+                selector.unregister(child.output)
+            if child.events in ready:
+                try:
+                    events, is_open = child.read_events()
+                except ValueError:
+                    return _outcome(child, job, "crash: broken events"), False
+                for event in events:
+                    kind = event.get("event")
+                    if kind == "refused":
+                        return _outcome(child, job, _REFUSED + _line(event)), False
+                    if kind == "warm":
+                        child.warm = True
+                        if only_warm:
+                            return None, True
+                        deadline = time.monotonic() + limits.time_s
+                    elif kind in ("error", "memory", "invalid", "skip"):
+                        return _outcome(child, job, f"{kind}: {_line(event)}"), True
+                    elif kind == "done":
+                        return _finished(child, job, event, answer), True
+                if not is_open:
+                    return _outcome(child, job, _crash(child)), False
+            if child.printed > limits.output_bytes:
+                return _outcome(child, job, f"flood: printed over {limits.output_bytes} bytes"), False
+            if child.resident_bytes() > limits.memory_bytes:
+                return _outcome(child, job, f"memory: over {limits.memory_bytes / 2**20:.0f} MiB resident"), False
+            if time.monotonic() > deadline:
+                stage = "call" if child.warm else "warm-up"
+                limit = limits.time_s if child.warm else limits.warmup_s
+                return _outcome(child, job, f"timeout: {stage} over {limit:g} s"), False
+
+
+def _finished(child: Child, job: Job, event: dict[str, Any], answer: Path) -> Outcome:
+    arrays, wrong = read_results(answer, job.modality, job.shape)
+    outcome = _outcome(child, job, f"invalid: {wrong}" if wrong else "ok")
+    outcome.arrays = arrays
+    for name in ("cpu_s", "wall_s", "peak_bytes"):
+        value = event.get(name)
+        if isinstance(value, int | float) and value >= 0:
+            setattr(outcome, name, float(value))
+    for name in ("cpu_calls", "wall_calls"):
+        calls = event.get(name)
+        if isinstance(calls, list) and all(isinstance(call, int | float) and call >= 0 for call in calls):
+            setattr(outcome, name, tuple(map(float, calls)))
+    return outcome
+
+
+def _outcome(child: Child, job: Job, status: str) -> Outcome:
+    return Outcome(job, status, printed=child.tail.decode(errors="replace"))
+
+
+def _line(event: dict[str, Any]) -> str:
+    """The event's message on one line, shortened: it stands in a table."""
+    return " ".join(str(event.get("message", "")).split())[:300]
+
+
+def _crash(child: Child) -> str:
+    if not child.ended(2.0):
+        return "crash: closed its pipes"
+    code = child.end(kill=True)
+    if code < 0:
+        with contextlib.suppress(ValueError):
+            return f"crash:{signal.Signals(-code).name}"
+    return f"crash:exit {code}"

@@ -1,0 +1,125 @@
+"""The parent's scratch space of a run: captures as children may see them and, apart, what scores them."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import xarray as xr
+
+from ...captures.hide import hide_truth
+from ...scenes.errors import InputError
+from ..scores.score import Bound, Truth
+from ..suites.suite import Cell
+from .protocol import file_sums, write_capture, write_meta
+
+__all__ = ["Entry", "Spool", "unusable"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One spooled capture: its cell, where children find it, the sums of its files, and its size in bytes."""
+
+    index: int
+    cell: Cell
+    folder: Path
+    modality: str
+    shape: tuple[int, ...]
+    sums: dict[str, int]
+    bytes: int
+
+
+def unusable(error: OSError) -> InputError:
+    """What to tell of a temporary folder that is full or cannot be written."""
+    return InputError(
+        "The folder for temporary files cannot be used.",
+        where=tempfile.gettempdir(),
+        value=error.strerror or str(error),
+        next_step="make room there, or set TMPDIR to another folder",
+    )
+
+
+class Spool:
+    """Two private folders, removed at the end: `open` is named to children, `closed` never is.
+
+    Captures and truth lie on disk, so that memory holds one capture at a time whatever the suite's size.
+    """
+
+    def __init__(self) -> None:
+        try:
+            self.open = Path(tempfile.mkdtemp(prefix="beambench-run-"))
+            self.closed = Path(tempfile.mkdtemp(prefix="beambench-"))
+        except OSError as error:
+            raise unusable(error) from error
+
+    def __enter__(self) -> Spool:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for folder in (self.open, self.closed):
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def add(
+        self,
+        index: int,
+        cell: Cell,
+        capture: xr.Dataset,
+        conditions: dict[str, Callable[[xr.Dataset], xr.Dataset]],
+        truth: Truth,
+        bound: Bound,
+    ) -> Entry:
+        """Spool a capture under each condition (name -> what it does to a capture whose truth is hidden).
+
+        Raises:
+            InputError: the temporary folder is full or cannot be written.
+        """
+        try:
+            return self._add(index, cell, capture, conditions, truth, bound)
+        except OSError as error:
+            raise unusable(error) from error
+
+    def _add(
+        self,
+        index: int,
+        cell: Cell,
+        capture: xr.Dataset,
+        conditions: dict[str, Callable[[xr.Dataset], xr.Dataset]],
+        truth: Truth,
+        bound: Bound,
+    ) -> Entry:
+        folder = self.open / f"{index:06d}"
+        hidden = hide_truth(capture)
+        write_capture(folder, hidden)
+        for name, change in conditions.items():
+            write_meta(folder, change(hidden), name)
+        np.savez(
+            self.closed / f"{index:06d}.npz",
+            range=truth.range, mixed=truth.mixed, first=truth.first, last=truth.last, bound=bound.sigma,
+            kind=np.str_(bound.kind), scale=np.array([bound.response_m, bound.window_m]),
+        )  # fmt: skip
+        size = sum(path.stat().st_size for path in folder.iterdir())
+        shape = tuple(int(size) for size in truth.range.shape)
+        return Entry(index, cell, folder, str(capture.attrs["modality"]), shape, file_sums(folder), size)
+
+    def truth(self, entry: Entry) -> tuple[Truth, Bound]:
+        """What an entry's estimates are scored by."""
+        with np.load(self.closed / f"{entry.index:06d}.npz", allow_pickle=False) as data:
+            response, window = map(float, data["scale"])
+            bound = Bound(data["bound"], str(data["kind"]), response, window)
+            return Truth(data["range"], data["mixed"], data["first"], data["last"]), bound
+
+    def intact(self, entry: Entry) -> bool:
+        """Whether the capture's files are as they were written."""
+        return entry.folder.is_dir() and file_sums(entry.folder) == entry.sums
+
+    def drop(self, entry: Entry) -> None:
+        """Remove an entry."""
+        shutil.rmtree(entry.folder, ignore_errors=True)
+        (self.closed / f"{entry.index:06d}.npz").unlink(missing_ok=True)

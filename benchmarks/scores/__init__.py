@@ -1,0 +1,1 @@
+"""The score tables: errors, failures, efficiency, costs."""

@@ -1,0 +1,92 @@
+"""costs.csv: what each estimate cost, per call and per element, with its spread, and where the times come from.
+
+`cpu_s` and `wall_s` are medians over the timed calls, `_min` and `_max` the shortest and the longest, `cpu_log_sd` the
+standard deviation of the logarithm of CPU times; `_per_element_s` divides by all elements of the capture, those without
+truth too. `source` is "measured", or "cache" for the times of an earlier run on this machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..folders.files import write_text
+from ..runner.session import Outcome
+from .tables import read_numbers, to_csv
+
+__all__ = ["COST_COLUMNS", "cost_interval", "cost_row", "read_costs", "write_costs"]
+
+_KEY = (
+    "suite", "scene", "stress", "level", "stress2", "level2", "seed", "condition", "estimator", "params", "modality",
+)  # fmt: skip
+_TIMES = (
+    "cpu_s", "cpu_s_min", "cpu_s_max", "cpu_log_sd", "cpu_per_element_s", "wall_s", "wall_s_min", "wall_s_max",
+    "wall_per_element_s", "peak_bytes",
+)  # fmt: skip
+COST_COLUMNS = (*_KEY, "device_class", "elements", "calls", *_TIMES, "source")
+
+
+def cost_row(key: Mapping[str, Any], outcome: Outcome, *, device_class: str, source: str) -> dict[str, Any]:
+    """One row: the key's columns of a score row, and the costs of its outcome."""
+    elements = math.prod(outcome.job.shape)
+    row: dict[str, Any] = {
+        **{name: key[name] for name in _KEY if name != "modality"}, "modality": outcome.job.modality,
+        "device_class": device_class, "elements": elements, "calls": len(outcome.cpu_calls), "source": source,
+        "cpu_s": outcome.cpu_s, "wall_s": outcome.wall_s, "peak_bytes": outcome.peak_bytes,
+        "cpu_per_element_s": outcome.cpu_s / elements, "wall_per_element_s": outcome.wall_s / elements,
+    }  # fmt: skip
+    for name, calls in (("cpu_s", outcome.cpu_calls), ("wall_s", outcome.wall_calls)):
+        row[f"{name}_min"], row[f"{name}_max"] = min(calls, default=math.nan), max(calls, default=math.nan)
+    positive = np.log([call for call in outcome.cpu_calls if call > 0])
+    row["cpu_log_sd"] = float(positive.std(ddof=1)) if positive.size > 1 else math.nan
+    return {name: row[name] for name in COST_COLUMNS}
+
+
+def write_costs(folder: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write costs.csv of a run, rows sorted by their key, whole or not at all."""
+    ordered = sorted(rows, key=lambda row: tuple(str(row[name]) for name in _KEY))
+    write_text(folder / "costs.csv", to_csv([dict(row) for row in ordered], COST_COLUMNS))
+
+
+def read_costs(folder: Path) -> list[dict[str, Any]]:
+    """The rows of costs.csv with typed numbers; none where a folder has no such file.
+
+    Raises:
+        InputError: the file is no such table.
+    """
+    return read_numbers(folder / "costs.csv", ("elements", "calls", *_TIMES), "The table of costs")
+
+
+def cost_interval(
+    middle: float, mine: Sequence[tuple[float, float]], all_rows: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """95 % interval of a median CPU time from the scatter of calls; (NaN, NaN) where no call was repeated.
+
+    Main arguments:
+        middle: the median. mine: (calls, cpu_log_sd) of the rows behind it. all_rows: of all that it is compared with.
+
+    m·exp(∓ t s √(π/2n)) with n calls, and s the larger of its own pooled scatter and that of all: a handful of calls
+    shows too little of its own. √(π/2): a median's standard error over a mean's, for a normal scatter. What differs
+    between processes or days is not in it.
+    """
+    from scipy.stats import t
+
+    own, _ = _pooled(mine)
+    common, freedom = _pooled(all_rows)
+    calls = sum(n for n, _ in mine if n > 0)
+    if freedom < 1 or calls < 1 or not middle > 0:
+        return math.nan, math.nan
+    scatter = max(common, own) if own == own else common
+    half = float(t.ppf(0.975, freedom)) * scatter * math.sqrt(0.5 * math.pi / calls)
+    return middle * math.exp(-half), middle * math.exp(half)
+
+
+def _pooled(rows: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Pooled standard deviation of the logarithms, and its degrees of freedom."""
+    known = [(n - 1.0, sd) for n, sd in rows if n > 1 and sd == sd]
+    freedom = sum(f for f, _ in known)
+    return (math.sqrt(sum(f * sd * sd for f, sd in known) / freedom) if freedom > 0 else math.nan), freedom

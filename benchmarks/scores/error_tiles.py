@@ -1,0 +1,88 @@
+"""Squared errors by tile of a capture: what two estimators of one capture are compared on (errors_by_tile.npz).
+
+Estimators of a run read the same pixels with the same noise, so tile by tile they share what is hard. The file holds, for
+scenes as written, the sum over each tile of the squared error of its unmixed elements, where an element without an
+answer has the error of a guess within the window: √(Σ sums/Σ counts) is `rmse_full`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ...scenes.errors import InputError
+from ..folders.files import write_atomic
+from .score import Bound, Truth, errors_of
+
+__all__ = ["FILE", "TileKey", "read_tiles", "tile_sums", "tiles_of", "write_tiles"]
+
+Float = npt.NDArray[np.float64]
+#: scene, condition, seed, estimator's label.
+TileKey = tuple[str, str, int, str]
+
+FILE = "errors_by_tile.npz"
+_TILES = 64
+
+
+def tiles_of(shape: tuple[int, ...]) -> npt.NDArray[np.intp]:
+    """A tile's number for every element: at most 8 × 8 tiles of an image, 64 runs of a record of shots."""
+    if len(shape) == 1:
+        return np.asarray(np.arange(shape[0]) * min(_TILES, shape[0]) // max(shape[0], 1), np.intp)
+    side = math.isqrt(_TILES)
+    rows, cols = (np.arange(size) * min(side, size) // max(size, 1) for size in shape[:2])
+    return np.asarray(rows[:, None] * side + cols[None, :], np.intp)
+
+
+def tile_sums(
+    estimate: Mapping[str, npt.NDArray[np.generic]] | None, truth: Truth, bound: Bound
+) -> tuple[Float, Float]:
+    """(sums, counts) per tile (64) of one estimate; None, where there is none: every element counts as refused."""
+    chosen = np.isfinite(truth.range) & ~truth.mixed
+    tile = tiles_of(truth.range.shape)[chosen]
+    counts = np.bincount(tile, minlength=_TILES).astype(np.float64)
+    if estimate is None:
+        return counts * bound.prior_m**2, counts
+    valid = np.asarray(estimate["valid"], bool)[chosen]
+    error = errors_of(np.asarray(estimate["range"], np.float64), truth)[chosen]
+    sums = np.bincount(tile, weights=np.where(valid, error, bound.prior_m) ** 2, minlength=_TILES)
+    return np.asarray(sums, np.float64), counts
+
+
+def write_tiles(folder: Path, tiles: Mapping[TileKey, tuple[Float, Float]]) -> None:
+    """Write the file of a run, whole or not at all; equal runs give equal bytes."""
+    keys = sorted(tiles)
+    names = np.array([json.dumps(key) for key in keys], dtype=np.str_)
+    values = [np.array([tiles[key][part] for key in keys], np.float64).reshape(len(keys), -1) for part in (0, 1)]
+
+    def save(path: Path) -> None:
+        with open(path, "wb") as file:
+            np.savez_compressed(file, key=names, sums=values[0], counts=values[1])
+
+    write_atomic(folder / FILE, save)
+
+
+def read_tiles(folder: Path) -> dict[TileKey, tuple[Float, Float]]:
+    """{(scene, condition, seed, label): (sums, counts)}; empty where a folder has no such file.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return {}
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            keys = [json.loads(str(name)) for name in data["key"]]
+            sums, counts = np.asarray(data["sums"], np.float64), np.asarray(data["counts"], np.float64)
+        found = {
+            (str(k[0]), str(k[1]), int(k[2]), str(k[3])): (a, n) for k, a, n in zip(keys, sums, counts, strict=True)
+        }
+    except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError("The errors by tile cannot be read.", where=str(path), value=str(error)) from error
+    return found

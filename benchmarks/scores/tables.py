@@ -1,0 +1,110 @@
+"""The score tables on disk: scores.csv, scores.parquet, accuracy.csv, summary.csv, ranking.csv, pairs.csv, profiles.csv.
+
+Numbers are written with nine significant digits, NaN as an empty field, rows sorted by their key: the accuracy columns
+of two runs with equal seeds are the same bytes.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...scenes.errors import InputError
+from ..folders.files import write_atomic, write_text
+from ..statistics.tables import inference_tables
+from .score import ACCURACY, COLUMNS, KEY
+from .summary import SUMMARY_COLUMNS, summarise
+
+__all__ = ["read_numbers", "read_rows", "sort_rows", "to_csv", "write_tables"]
+
+_INTEGERS = ("seed", "n")
+_TEXTS = (
+    "suite", "scene", "stress", "stress2", "condition", "stage", "estimator", "params", "modality", "quantity", "unit",
+    "bound_kind", "status",
+)  # fmt: skip
+
+
+def _field(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.9g}"
+    return str(value)
+
+
+def to_csv(rows: Iterable[dict[str, Any]], columns: Sequence[str]) -> str:
+    """CSV text of some columns (RFC 4180, lines ended by a line feed)."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_field(row[name]) for name in columns] for row in rows)
+    return buffer.getvalue()
+
+
+def _sort_key(row: dict[str, Any]) -> tuple[Any, ...]:
+    """The key columns and the quantity; NaN first, so that scenes as written come before stressed ones."""
+    return tuple(
+        (0, -math.inf) if isinstance(value, float) and math.isnan(value) else (1, value)
+        for value in (row[name] for name in (*KEY, "quantity"))
+    )
+
+
+def sort_rows(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows in the order of their key."""
+    return sorted(rows, key=_sort_key)
+
+
+def write_tables(folder: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Write all tables of a run into `folder`, each whole or not at all."""
+    ordered = sort_rows(rows)
+    write_text(folder / "scores.csv", to_csv(ordered, COLUMNS))
+    write_text(folder / "accuracy.csv", to_csv(ordered, ACCURACY))
+    write_text(folder / "summary.csv", to_csv(summarise(ordered), SUMMARY_COLUMNS))
+    for name, (columns, found) in inference_tables(ordered).items():
+        write_text(folder / name, to_csv(found, columns))
+    write_atomic(folder / "scores.parquet", lambda path: _write_parquet(path, ordered))
+
+
+def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    def kind(name: str) -> Any:
+        return pa.string() if name in _TEXTS else pa.int64() if name in _INTEGERS else pa.float64()
+
+    arrays = [pa.array([row[name] for row in rows], type=kind(name)) for name in COLUMNS]
+    pq.write_table(pa.Table.from_arrays(arrays, names=list(COLUMNS)), path)
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """Read scores.csv back as rows with typed values; empty fields of numbers become NaN."""
+    with open(path, newline="", encoding="utf-8") as file:
+        rows: list[dict[str, Any]] = [dict(row) for row in csv.DictReader(file)]
+    for row in rows:
+        for name, value in row.items():
+            if name in _INTEGERS:
+                row[name] = int(value)
+            elif name not in _TEXTS:
+                row[name] = float(value) if value else math.nan
+    return rows
+
+
+def read_numbers(path: Path, numbers: Sequence[str], what: str) -> list[dict[str, Any]]:
+    """The rows of a CSV file, the columns `numbers` as floats (NaN where empty); none where there is no such file.
+
+    Raises:
+        InputError: the file is no such table; the message begins with `what`.
+    """
+    if not path.is_file():
+        return []
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows: list[dict[str, Any]] = [dict(row) for row in csv.DictReader(file)]
+        for row in rows:
+            for name in numbers:
+                row[name] = float(row[name]) if row[name] else math.nan
+    except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise InputError(f"{what} cannot be read.", where=str(path), value=str(error)) from error
+    return rows

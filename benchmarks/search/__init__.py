@@ -1,0 +1,1 @@
+"""Searches for failure: sweeps, failure maps, breakdown levels, and `break`."""

@@ -1,0 +1,1 @@
+"""Statistics: intervals, rankings, paired differences, fronts."""

@@ -1,0 +1,101 @@
+"""Every estimator against every other on the same captures: paired differences, Holm-corrected.
+
+Estimators of a run read the same captures with the same noise, so scenes that are hard for all cancel. Errors span
+decades between scenes; their ratio is what compares: the figure of a scene is ln(a/b).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from .bootstrap import studentised
+
+__all__ = ["Pair", "holm", "pairwise", "pairwise_p"]
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """a against b: geometric mean over scenes of a/b, its 95 % interval, p, and p corrected for all pairs.
+
+    `winner` is the estimator with the smaller figure where `p_holm` <= α, else "". NaN where scenes are too few.
+    """
+
+    a: str
+    b: str
+    scenes: int
+    ratio: float
+    low: float
+    high: float
+    p: float
+    p_holm: float
+    winner: str
+
+
+def holm(p: npt.ArrayLike) -> Float:
+    """p-values (…, test) corrected so that no true hypothesis of a row is rejected with more than the stated rate.
+
+    Sorted ascending, p̃_(i) = max_{j<=i} min(1, (m−j+1) p_(j)); NaN tests are left out and stay NaN. No assumption on
+    how tests depend on each other. Source: S. Holm, Scand. J. Statist. 6:65, 1979.
+    """
+    x = np.asarray(p, np.float64)
+    order = np.argsort(x, axis=-1)  # NaN last
+    ordered = np.take_along_axis(x, order, axis=-1)
+    tests = np.sum(~np.isnan(x), axis=-1, keepdims=True)
+    scaled = np.minimum(ordered * np.maximum(tests - np.arange(x.shape[-1]), 1), 1.0)
+    corrected = np.maximum.accumulate(np.where(np.isnan(ordered), 0.0, scaled), axis=-1)
+    out = np.empty_like(x)
+    np.put_along_axis(out, order, np.where(np.isnan(ordered), np.nan, corrected), axis=-1)
+    return out
+
+
+def pairwise_p(logs: Float, *, draws: int = 4999) -> tuple[Float, Float, npt.NDArray[np.intp]]:
+    """Mean differences and Holm-corrected p of all pairs, for many benchmarks at once.
+
+    Main arguments:
+        logs (…, estimator, scene): logarithms of the figures.
+    Other arguments:
+        draws: of the bootstrap; 1/(draws + 1) times the number of pairs must be well below the level of the test.
+    Returns (difference (…, pair), p (…, pair), pairs (pair, 2)).
+    """
+    pairs = np.array(list(combinations(range(logs.shape[-2]), 2)), dtype=np.intp).reshape(-1, 2)
+    found = studentised(logs[..., pairs[:, 0], :] - logs[..., pairs[:, 1], :], draws=draws)
+    return found.mean, holm(found.p), pairs
+
+
+def pairwise(names: list[str], figures: npt.ArrayLike, *, alpha: float = 0.05) -> list[Pair]:
+    """All pairs of estimators on the scenes that a benchmark holds; the smaller figure is the better one.
+
+    Main arguments:
+        names (estimator). figures (estimator, scene): positive, e.g. `rmse_full`, pooled over seeds.
+    Other arguments:
+        alpha: family-wise error, the chance that any difference is claimed which is none.
+    Raises ValueError for figures that are not positive and finite.
+    """
+    x = np.asarray(figures, np.float64)
+    if x.shape[:1] != (len(names),) or x.ndim != 2:
+        raise ValueError(f"figures must be (estimator, scene) for {len(names)} estimators, not {x.shape}")
+    if not np.all(np.isfinite(x) & (x > 0)):
+        raise ValueError("figures must be positive and finite")
+    logs = np.log(x)
+    index = list(combinations(range(len(names)), 2))
+    if not index:
+        return []
+    found = studentised(np.stack([logs[i] - logs[j] for i, j in index]))
+    corrected = holm(found.p)
+    rows = []
+    for k, (i, j) in enumerate(index):
+        decided = corrected[k] <= alpha
+        winner = (names[i] if found.mean[k] < 0 else names[j]) if decided else ""
+        rows.append(
+            Pair(
+                names[i], names[j], x.shape[1], float(np.exp(found.mean[k])), float(np.exp(found.low[k])),
+                float(np.exp(found.high[k])), float(found.p[k]), float(corrected[k]), winner,
+            )
+        )  # fmt: skip
+    return rows

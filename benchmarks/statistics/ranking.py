@@ -1,0 +1,157 @@
+"""Ranking of estimators by their risk at full coverage, from rows of a score table.
+
+The figure is `rmse_full`: elements that an estimator refuses count with the error of knowing nothing but the window, so
+that leaving out the hard ones does not pay. A run that crashed refused everything. Estimators are ranked on one set of
+cells, the same for all; ranks are intervals, decided by Holm-corrected paired differences.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...scenes.errors import InputError
+from ..scores.skips import not_applicable
+from .bootstrap import studentised
+from .pairs import Pair, pairwise
+from .profiles import Profile, performance_profiles
+from .rates import clustered_interval
+
+__all__ = ["Comparison", "Ranked", "ScoreMatrix", "compare_estimators", "score_matrix"]
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ScoreMatrix:
+    """Figures (estimator, scene) of one condition and quantity: rmse over seeds and levels, and what was refused."""
+
+    names: list[str]
+    scenes: list[str]
+    rmse_full: Float
+    refused: Float
+    n: Float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One estimator's place: geometric mean of `rmse_full` with its interval, rank interval, coverage with interval.
+
+    `rank_low` − 1 others are better, beyond doubt at the family-wise level; `rank_high` counts all that may be.
+    """
+
+    name: str
+    rmse_full: float
+    low: float
+    high: float
+    rank_low: int
+    rank_high: int
+    coverage: float
+    coverage_low: float
+    coverage_high: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a score table says of its estimators: ranks (best first), all pairs, and profiles."""
+
+    ranked: list[Ranked]
+    pairs: list[Pair]
+    profiles: list[Profile]
+
+
+def _label(row: dict[str, Any]) -> str:
+    return f"{row['estimator']}[{row['params']}]" if row["params"] else str(row["estimator"])
+
+
+def score_matrix(
+    rows: Iterable[dict[str, Any]],
+    *,
+    modality: str = "gated",
+    stage: str = "range",
+    quantity: str = "range",
+    condition: str = "matched",
+    stressed: bool = False,
+) -> ScoreMatrix:
+    """Gather rows of scores.csv into one figure per estimator and scene: √mean(rmse_full²), weighted by elements.
+
+    Main arguments:
+        rows: rows with typed values (`tables.read_rows`).
+    Other arguments:
+        modality, stage, quantity, condition: of the rows to take; what differs in them is not
+        compared. stressed: take the stressed rows too, pooled into their scene.
+
+    Raises:
+        InputError: an estimator lacks a cell that another has, or has one twice: nothing would be paired then.
+    """
+    cells: dict[str, dict[tuple[Any, ...], dict[str, Any]]] = {}
+    skipped: set[str] = set()
+    wanted_row = {"modality": modality, "stage": stage, "quantity": quantity, "condition": condition}
+    for row in rows:
+        levels = (float(row["level"]), float(row["level2"]))
+        plain = all(math.isnan(level) for level in levels)
+        taken = all(row[name] == value for name, value in wanted_row.items())
+        if taken and not_applicable(str(row.get("status", "ok"))):
+            skipped.add(_label(row))
+        if not taken or not (plain or stressed) or int(row["n"]) < 1:
+            continue
+        key = (row["scene"], row["stress"], repr(levels[0]), row["stress2"], repr(levels[1]), row["seed"])
+        mine = cells.setdefault(_label(row), {})
+        if key in mine:
+            raise InputError("An estimator has one cell twice.", where=_label(row), value=str(key))
+        mine[key] = row
+    # Who reads a part of the scenes only is compared with nobody on the others: it stands in no ranking.
+    for name in skipped:
+        cells.pop(name, None)
+    if not cells:
+        raise InputError("No row to rank by.", where="scores", value=", ".join(wanted_row.values()))
+    names = sorted(cells)
+    wanted = set().union(*cells.values())
+    for name in names:
+        if missing := wanted - cells[name].keys():
+            raise InputError(
+                "An estimator lacks a cell that another has.", where=name, value=str(sorted(map(str, missing))[0]),
+                next_step="rank estimators of one run, or run the missing cells with --resume",
+            )  # fmt: skip
+    scenes = sorted({str(key[0]) for key in wanted})
+    square, refused, n = (np.zeros((len(names), len(scenes))) for _ in range(3))
+    for i, name in enumerate(names):
+        for key, row in cells[name].items():
+            j, count = scenes.index(str(key[0])), float(row["n"])
+            square[i, j] += count * float(row["rmse_full"]) ** 2
+            refused[i, j] += count * (1.0 - float(row["coverage"]))
+            n[i, j] += count
+    return ScoreMatrix(names, scenes, np.sqrt(square / n), refused, n)
+
+
+def compare_estimators(matrix: ScoreMatrix, *, alpha: float = 0.05) -> Comparison:
+    """Rank, compare in pairs and profile. With fewer scenes than an interval needs, all ranks stay open.
+
+    A figure of exactly zero (a noise-free scene) is held at the smallest positive number's root, so that its logarithm
+    exists; estimators that are equal there stay equal.
+    """
+    figures = np.maximum(matrix.rmse_full, 1e-150)
+    pairs = pairwise(matrix.names, figures, alpha=alpha)
+    found = studentised(np.log(figures))
+    beaten = dict.fromkeys(matrix.names, 0)
+    beats = dict.fromkeys(matrix.names, 0)
+    for pair in pairs:
+        if pair.winner:
+            beats[pair.winner] += 1
+            beaten[pair.a if pair.winner == pair.b else pair.b] += 1
+    ranked = []
+    for i, name in enumerate(matrix.names):
+        share, low, high = clustered_interval(matrix.n[i] - matrix.refused[i], matrix.n[i])
+        ranked.append(
+            Ranked(
+                name, float(np.exp(found.mean[i])), float(np.exp(found.low[i])), float(np.exp(found.high[i])),
+                1 + beaten[name], len(matrix.names) - beats[name], share, low, high,
+            )
+        )  # fmt: skip
+    ranked.sort(key=lambda r: (r.rmse_full, r.name))
+    return Comparison(ranked, pairs, performance_profiles(matrix.names, figures))

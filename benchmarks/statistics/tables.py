@@ -1,0 +1,78 @@
+"""Tables of a run over its scenes: ranking.csv, pairs.csv and profiles.csv.
+
+One group of rows per modality, stage, quantity and condition, from scenes as written (no stress): what differs in any of
+them is not compared. Intervals are over scenes, empty with fewer than six.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ..scores.skips import not_applicable
+from .ranking import compare_estimators, score_matrix
+
+__all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "inference_tables"]
+
+_GROUP = ("modality", "stage", "quantity", "condition")
+RANKING_COLUMNS = (
+    *_GROUP, "estimator", "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage",
+    "coverage_lo", "coverage_hi", "profile_best", "profile_area",
+)  # fmt: skip
+PAIR_COLUMNS = (*_GROUP, "a", "b", "scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm", "winner")
+PROFILE_COLUMNS = (*_GROUP, "estimator", "factor", "share")
+
+
+def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[str, ...], list[dict[str, Any]]]]:
+    """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`.
+
+    `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where the Holm-corrected
+    difference is not beyond doubt at 5 %. `profile_best` and `profile_area`: see `inference_profiles`. Groups with one
+    estimator have a ranking and no pairs.
+
+    Raises:
+        InputError: an estimator lacks a cell that another has, or has one twice.
+    """
+    table = list(rows)
+    ranking: list[dict[str, Any]] = []
+    pairs: list[dict[str, Any]] = []
+    profiles: list[dict[str, Any]] = []
+    for key in sorted({tuple(str(row[name]) for name in _GROUP) for row in table if int(row["n"]) > 0}):
+        group = dict(zip(_GROUP, key, strict=True))
+        mine = [row for row in table if all(row[name] == group[name] for name in _GROUP)]
+        # Skips tell who reads a part of the scenes only, and stands in no ranking.
+        plain = [row for row in mine if _as_written(row) or not_applicable(str(row.get("status", "ok")))]
+        if not any(_as_written(row) for row in plain):
+            continue
+        matrix = score_matrix(
+            plain, modality=group["modality"], stage=group["stage"], quantity=group["quantity"],
+            condition=group["condition"],
+        )  # fmt: skip
+        found = compare_estimators(matrix)
+        profile = {item.name: item for item in found.profiles}
+        for row in found.ranked:
+            ranking.append({
+                **group, "estimator": row.name, "scenes": len(matrix.scenes), "rank_lo": row.rank_low,
+                "rank_hi": row.rank_high, "rmse_full": row.rmse_full, "rmse_full_lo": row.low,
+                "rmse_full_hi": row.high, "coverage": row.coverage, "coverage_lo": row.coverage_low,
+                "coverage_hi": row.coverage_high, "profile_best": profile[row.name].best,
+                "profile_area": profile[row.name].area,
+            })  # fmt: skip
+        for pair in found.pairs:
+            pairs.append({
+                **group, "a": pair.a, "b": pair.b, "scenes": pair.scenes, "ratio": pair.ratio, "ratio_lo": pair.low,
+                "ratio_hi": pair.high, "p": pair.p, "p_holm": pair.p_holm, "winner": pair.winner,
+            })  # fmt: skip
+        for item in found.profiles:
+            for factor, share in zip(item.factor, item.share, strict=True):
+                profiles.append({**group, "estimator": item.name, "factor": float(factor), "share": float(share)})
+    return {
+        "ranking.csv": (RANKING_COLUMNS, ranking),
+        "pairs.csv": (PAIR_COLUMNS, pairs),
+        "profiles.csv": (PROFILE_COLUMNS, profiles),
+    }
+
+
+def _as_written(row: dict[str, Any]) -> bool:
+    """Neither level is given: they are NaN."""
+    return bool(row["level"] != row["level"] and row["level2"] != row["level2"] and int(row["n"]) > 0)

@@ -1,0 +1,1 @@
+"""Suites: what is scored, as data, and the stresses that change scenes."""

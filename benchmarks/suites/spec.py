@@ -1,0 +1,148 @@
+"""The typed spec of a suite file: scenes, stresses, seeds, conditions, estimators and limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from pydantic import Field, model_validator
+
+from ...scenes.base import Positive, Spec
+from ...scenes.errors import InputError
+
+__all__ = ["Calibration", "Condition", "Limits", "SceneEntry", "Seeds", "Split", "Stress", "Suite", "check_split"]
+
+Condition = Literal["matched", "calibrated"]
+Split = Literal["dev", "test"]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def check_split(split: str) -> None:
+    """Refuse a name that is no share of the seeds.
+
+    Raises:
+        InputError: neither "dev" nor "test".
+    """
+    if split not in get_args(Split):
+        raise InputError("The suite's seeds are not split like this.", where="split", value=split, allowed="dev, test")
+
+
+class SceneEntry(Spec):
+    """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
+
+    `name` tells apart two entries of one scene; it defaults to the scene's own name.
+    """
+
+    scene: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=120)] | None = None
+    overrides: dict[str, Any] = Field(default_factory=dict)
+
+
+class Stress(Spec):
+    """A stress (`axis`: a name of `stress.AXES` or a numeric path of the scene) and its levels; with `axis2` a grid.
+
+    A sweep refines the levels at the edge of breakdown; for it they run one way, from benign to breaking.
+    """
+
+    axis: Annotated[str, Field(min_length=1)]
+    values: Annotated[tuple[float, ...], Field(min_length=1)]
+    axis2: Annotated[str, Field(min_length=1)] | None = None
+    values2: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _second_axis_has_values(self) -> Stress:
+        if (self.axis2 is None) != (not self.values2):
+            raise ValueError("axis2 and values2 are given together")
+        if len(set(self.values)) != len(self.values) or len(set(self.values2)) != len(self.values2):
+            raise ValueError("each level is given once")
+        return self
+
+
+class Seeds(Spec):
+    """Seeds to tune on (`dev`) and seeds to be scored on (`test`). They must not overlap."""
+
+    dev: tuple[Seed, ...] = ()
+    test: Annotated[tuple[Seed, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _apart(self) -> Seeds:
+        if shared := set(self.dev) & set(self.test):
+            raise ValueError(f"dev and test seeds must be apart; both hold {sorted(shared)}")
+        if len(set(self.test)) != len(self.test) or len(set(self.dev)) != len(self.dev):
+            raise ValueError("each seed is given once")
+        return self
+
+
+class Limits(Spec):
+    """Limits on one estimator's child process, per capture.
+
+    Main arguments:
+        time_s: wall time of the timed call.
+        memory_bytes: resident memory of the child and its descendants together, watched by the parent.
+    Other arguments:
+        warmup_s: wall time of start and warm-up, which may compile.
+        output_bytes: what may be printed.
+        give_up_after: so many captures in a row over a limit of time or memory, and the rest is skipped.
+    """
+
+    example: ClassVar[str] = "beambench estimate --help"
+
+    time_s: Positive
+    memory_bytes: Annotated[int, Field(ge=2**20)]
+    warmup_s: Positive = 120.0
+    output_bytes: Annotated[int, Field(ge=0)] = 2**20
+    give_up_after: Annotated[int, Field(ge=1)] = 3
+
+
+class Calibration(Spec):
+    """The simulated calibration behind the condition "calibrated": photon counts of its two measurements.
+
+    Main arguments:
+        pulse_photoelectrons: recorded of the pulse, in all.
+        gate_photoelectrons: recorded per delay step with the gate open.
+    Other arguments:
+        seed: of its noise, beside the captures' seeds: each scene and seed draws its own calibration, and another seed
+        here draws them all anew.
+    """
+
+    pulse_photoelectrons: Positive
+    gate_photoelectrons: Positive
+    seed: Seed = 0
+
+
+class Suite(Spec):
+    """A suite file.
+
+    Main arguments:
+        scenes, stresses, seeds, conditions, estimators: the axes of the table.
+    Other arguments:
+        failure_at: |error| (in the modality's unit) above which an element counts as failed; None: the contract's rule.
+        fidelity, rtol: passed to the generator.
+    """
+
+    example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"
+
+    schema_version: Literal[1] = 1
+    suite: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+    version: Annotated[int, Field(ge=1)] = 1
+    title: str = ""
+    scenes: Annotated[tuple[SceneEntry, ...], Field(min_length=1)]
+    stresses: tuple[Stress, ...] = ()
+    seeds: Seeds
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] = ("matched",)
+    calibration: Calibration | None = None
+    estimators: Annotated[tuple[str, ...], Field(min_length=1)]
+    failure_at: Positive | None = None
+    fidelity: Literal["direct", "scatter", "full", "auto"] = "direct"
+    rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
+    limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Suite:
+        if len(set(self.conditions)) != len(self.conditions):
+            raise ValueError("each condition is given once")
+        if ("calibrated" in self.conditions) and self.calibration is None:
+            raise ValueError('the condition "calibrated" needs the table `calibration`')
+        if len(set(self.estimators)) != len(self.estimators):
+            raise ValueError("each estimator is given once")
+        return self

@@ -1,0 +1,106 @@
+"""Stress axes: a name and a level become changes of a scene.
+
+An axis is one of those named here, or any path of the scene that holds a number (`rig.detector.read_noise_e`). Every
+named axis says how its levels change the scene as plain overrides, so that what breaks an estimator can be written down
+and repeated with `--set`. Levels of 1 on an axis that multiplies, and of 0 on one that adds, leave the scene as it is.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Any
+
+from ...scenes.errors import InputError
+from ...scenes.load import load_scene
+from ...scenes.overrides import apply_overrides
+from ...scenes.scene import Scene
+from .stress_axes import AXES, Axis, Overrides
+
+__all__ = ["AXES", "Axis", "axis_overrides", "axis_unit", "list_axes", "stressed"]
+
+#: Units by the end of a path's last name; the longest that fits counts.
+_UNITS = {
+    "_e_per_s": "e/s", "_per_m": "1/m", "_dn_per_e": "DN/e", "_s": "s", "_m": "m", "_deg": "deg", "_rad": "rad",
+    "_j": "J", "_w": "W", "_hz": "Hz", "_e": "e", "_dn": "DN", "_px": "px", "_c": "degC", "_psu": "psu", "_pa": "Pa",
+    "_bits": "bit",
+}  # fmt: skip
+
+
+def list_axes() -> list[Axis]:
+    """The named axes, by name."""
+    return [AXES[name] for name in sorted(AXES)]
+
+
+def axis_unit(axis: str) -> str:
+    """The unit of an axis' levels: "1" for ratios and counts."""
+    if axis in AXES:
+        return AXES[axis].unit
+    last = axis.rpartition(".")[2]
+    fits = [end for end in _UNITS if last.endswith(end)]
+    return _UNITS[max(fits, key=len)] if fits else "1"
+
+
+def axis_overrides(scene: Scene, axis: str, level: float) -> Overrides:
+    """What a level of an axis changes in the scene: {path: value}.
+
+    Raises:
+        InputError: neither a named axis nor a path of a number, or the scene has nothing that the axis changes.
+    """
+    if axis in AXES:
+        return AXES[axis].overrides(scene, level)
+    if "." not in axis:
+        near = difflib.get_close_matches(axis, sorted(AXES), n=3)
+        raise InputError(
+            "There is no such stress.",
+            where="axis",
+            value=axis,
+            allowed="a path such as rig.detector.read_noise_e, or one of: " + ", ".join(sorted(AXES)),
+            next_step=f"did you mean {' or '.join(near)}?" if near else "",
+        )
+    held = _held(scene, axis)
+    if isinstance(held, bool) or not isinstance(held, int | float | type(None)):
+        raise InputError("A stress needs a path of a number.", where=axis, value=held)
+    # Whole numbers stay whole: a path such as `pulses_per_slice` takes no fractions.
+    return {axis: int(level) if isinstance(held, int) and float(level).is_integer() else level}
+
+
+def _held(scene: Scene, path: str) -> Any:
+    """The value at a path, None where the path's last key is new (validation then tells whether it may be)."""
+    data = scene.model_dump(mode="json")
+    head, _, last = path.rpartition(".")
+    apply_overrides(data, {path: None})  # a path that leads nowhere is told with near matches
+    node: Any = data
+    for part in filter(None, head.split(".")):
+        node = _item(node, part) if isinstance(node, list) else node[part]
+    return _item(node, last) if isinstance(node, list) else node.get(last)
+
+
+def _item(items: list[Any], key: str) -> Any:
+    """An item of a list by its index or its name, as overrides find it."""
+    if key.lstrip("-").isdigit():
+        return items[int(key)]
+    return next(item for item in items if isinstance(item, dict) and item.get("name") == key)
+
+
+def stressed(scene: Scene, levels: Sequence[tuple[str, float]]) -> tuple[Scene, Overrides]:
+    """The scene under several axes at once, applied in order, and all that was changed as one set of overrides.
+
+    Raises:
+        InputError: an axis that is unknown or does not fit, or a level that the scene's spec does not allow.
+    """
+    total: Overrides = {}
+    for axis, level in levels:
+        changes = axis_overrides(scene, axis, level)
+        try:
+            scene = load_scene(scene, changes)
+        except InputError as error:
+            raise InputError(
+                f"The stress {axis!r} at {level:g} does not fit the scene {scene.name!r}: {error.what}",
+                where=error.where,
+                value=error.value,
+                allowed=error.allowed,
+                next_step=error.next_step,
+            ) from error
+        total.update(changes)
+    return scene, total

@@ -1,0 +1,178 @@
+"""Suite files: what is scored, as data. Load, override, hash, and list the captures that a suite asks for."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...scenes.errors import InputError
+from ...scenes.load import find_spec_file, load_scene, read_spec_file, validate_spec
+from ...scenes.overrides import apply_overrides
+from ...scenes.scene import Scene
+from .spec import Calibration, Condition, Limits, SceneEntry, Seeds, Split, Stress, Suite
+from .stress import stressed
+
+__all__ = [
+    "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
+    "Stress", "Suite", "capture_key", "cells_of", "list_suites", "load_suite", "suite_hash",
+]  # fmt: skip
+
+#: Folder of the suites that ship with the project.
+SUITES = Path(__file__).parent / "library"
+
+#: `stress` of a cell in which the scene is as written.
+CELL_NONE = "none"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One generated capture of a suite: scene with its stress applied, and its place in the table."""
+
+    scene_name: str
+    scene: Scene
+    stress: str
+    level: float
+    stress2: str
+    level2: float
+    seed: int
+    key: int
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A suite, validated, with its scenes loaded."""
+
+    suite: Suite
+    scenes: tuple[tuple[str, Scene], ...]
+    hash: str
+
+
+def list_suites() -> list[str]:
+    """Names of the suites that ship with the project, sorted."""
+    return sorted(path.stem for path in SUITES.glob("*.toml"))
+
+
+def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Loaded:
+    """Load and validate a suite and all its scenes.
+
+    Main arguments:
+        source: a name that ships, a path to a .toml or .json file, or plain data.
+        overrides: {path: value}. A path whose first part is a key of the suite changes the suite; one whose first part
+            is a key of scenes (`rig`, `target`, `medium`, `declared`) changes every scene.
+
+    Raises:
+        InputError: unknown suite, scene or key; missing or impossible value; two scenes of one name.
+    """
+    if isinstance(source, Mapping):
+        data, where, folder = dict(source), "suite data", Path.cwd()
+    else:
+        path = find_spec_file(str(source), SUITES, kind="suite", next_step="beambench run quickstart")
+        data, where, folder = read_spec_file(path), str(source), path.parent
+    of_suite, of_scenes = _split(overrides or {})
+    scenes = data.get("scenes")
+    if isinstance(scenes, list):  # a plain string is short for {scene = "..."}
+        data["scenes"] = [{"scene": item} if isinstance(item, str) else item for item in scenes]
+    if of_suite:
+        data = apply_overrides(data, of_suite)
+        if isinstance(data.get("scenes"), list):
+            data["scenes"] = [{"scene": item} if isinstance(item, str) else item for item in data["scenes"]]
+    suite = validate_spec(Suite, data, where)
+    loaded: list[tuple[str, Scene]] = []
+    for entry in suite.scenes:
+        scene = load_scene(_anchor(entry.scene, folder), {**entry.overrides, **of_scenes})
+        loaded.append((entry.name or scene.name, scene))
+    names = [name for name, _ in loaded]
+    if len(set(names)) != len(names):
+        raise InputError(
+            "Two scenes of the suite have the same name.",
+            where=f"{where}: scenes",
+            value=names,
+            next_step='give one of them its own name: { scene = "...", name = "..." }',
+        )
+    for stress in suite.stresses:  # a path that leads nowhere is told before anything runs
+        for _, scene in loaded:
+            _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
+    return Loaded(suite, tuple(loaded), suite_hash(suite, loaded))
+
+
+def _anchor(name: str, folder: Path) -> str:
+    """Relative scene files lie beside the suite file."""
+    path = Path(name).expanduser()
+    if path.suffix in {".toml", ".json"} and not path.is_absolute() and (folder / path).is_file():
+        return str(folder / path)
+    return name
+
+
+def _split(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    suite_keys, scene_keys = set(Suite.model_fields), set(Scene.model_fields) - {"name", "title", "schema_version"}
+    of_suite: dict[str, Any] = {}
+    of_scenes: dict[str, Any] = {}
+    for path, value in overrides.items():
+        first = path.split(".")[0]
+        if first in suite_keys:
+            of_suite[path] = value
+        elif first in scene_keys:
+            of_scenes[path] = value
+        else:
+            near = difflib.get_close_matches(first, sorted(suite_keys | scene_keys), n=3)
+            raise InputError(
+                "An override's path leads nowhere.",
+                where=path,
+                value=first,
+                allowed="a key of the suite ("
+                + ", ".join(sorted(suite_keys))
+                + ") or of every scene ("
+                + ", ".join(sorted(scene_keys))
+                + ")",
+                next_step=f"did you mean {' or '.join(near)}?" if near else "",
+            )
+    return of_suite, of_scenes
+
+
+def suite_hash(suite: Suite, scenes: Iterable[tuple[str, Scene]]) -> str:
+    """SHA-256 (16 hex digits) of the suite and its scenes as validated, independent of how they were written."""
+    data = {
+        "suite": suite.model_dump(mode="json", exclude={"title"}),
+        "scenes": {name: scene.model_dump(mode="json", exclude={"title"}) for name, scene in scenes},
+    }
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def capture_key(scene: str, stress: str, level: float, stress2: str = CELL_NONE, level2: float = float("nan")) -> int:
+    """The capture's key in `SeedSequence(seed, spawn_key=(key, stage, block))`: 48 bits of SHA-256 of its axes."""
+    text = json.dumps([scene, stress, repr(float(level)), stress2, repr(float(level2))])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+
+
+def _stressed(scene: Scene, stress: Stress, level: float, level2: float | None) -> Scene:
+    levels = [(stress.axis, level)]
+    if stress.axis2 is not None and level2 is not None:
+        levels.append((stress.axis2, level2))
+    return stressed(scene, levels)[0]
+
+
+def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
+    """All captures of a suite, in a fixed order: every scene as written, then under each stress level, per seed."""
+    seeds = getattr(loaded.suite.seeds, split)
+    if not seeds:
+        raise InputError(f"The suite has no {split} seeds.", where="seeds", next_step="add them to the suite file")
+    nan = float("nan")
+    cells: list[Cell] = []
+    for name, scene in loaded.scenes:
+        grid: list[tuple[str, float, str, float, Scene]] = [(CELL_NONE, nan, CELL_NONE, nan, scene)]
+        for stress in loaded.suite.stresses:
+            for level in stress.values:
+                for level2 in stress.values2 or (None,):
+                    changed = _stressed(scene, stress, level, level2)
+                    second = (stress.axis2 or CELL_NONE, nan if level2 is None else level2)
+                    grid.append((stress.axis, level, *second, changed))
+        for axis, level, axis2, second_level, changed in grid:
+            key = capture_key(name, axis, level, axis2, second_level)
+            cells += [Cell(name, changed, axis, level, axis2, second_level, seed, key) for seed in seeds]
+    return cells

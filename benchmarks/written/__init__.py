@@ -1,0 +1,1 @@
+"""Captures written down from closed forms, without a renderer."""

@@ -1,0 +1,101 @@
+"""Gated captures written down from the closed forms of `optics`, in numpy alone: no renderer takes part.
+
+What judges bounds and estimators must not come from the code that they are meant to judge. Slice k of a pixel has the mean
+α R(2 n_g r/c − t_k) + b; counts, where drawn, pass the chain of `NoiseModel` one random step at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...captures.build import make_capture
+from ...optics.correlation import response as correlation
+from ...optics.likelihood.model import NoiseModel
+from ...scenes.rigs.declare import declared_rig, group_index, optics_gate, optics_pulse
+from ...scenes.scene import Scene, gated_rig
+from ..bounds.instrument import noise_model, path_delay
+
+__all__ = ["drawn_counts", "response_area_s", "written_capture"]
+
+Float = npt.NDArray[np.float64]
+
+
+def drawn_counts(mean: Float, noise: NoiseModel, rng: np.random.Generator) -> npt.NDArray[np.uint16]:
+    """Counts [DN] of mean photoelectrons, any shape: Poisson, gamma of the tube, full well, read noise, rounding, ADC."""
+    electrons = rng.poisson(mean).astype(np.float64)
+    if noise.intensified:
+        excess = noise.excess_noise_factor - 1.0
+        if excess > 0:
+            shape = electrons / excess
+            electrons = rng.gamma(np.where(shape > 0, shape, 1.0)) * excess * (shape > 0)
+        electrons *= noise.intensifier_gain
+    if noise.dark_e > 0:
+        electrons += rng.poisson(noise.dark_e, mean.shape)
+    electrons = np.minimum(electrons, noise.full_well_e)
+    if noise.read_noise_e > 0:
+        electrons += noise.read_noise_e * rng.standard_normal(mean.shape)
+    dn = np.floor(electrons * noise.gain_dn_per_e + noise.offset_dn + 0.5)
+    return np.clip(dn, 0, noise.adc_max_dn).astype(np.uint16)
+
+
+def written_capture(
+    scene: Scene, amplitude: Any, background: float, range_m: Any = 5.0, *, seed: int | None = None, **attrs: Any
+) -> xr.Dataset:
+    """A gated capture with its truth, for the rig of `scene` and any range and amplitude per pixel.
+
+    Main arguments:
+        amplitude (row, col) or a number: photoelectrons at an open gate. background: photoelectrons per slice, dark
+        electrons included. range_m (row, col) or a number; NaN: no truth.
+    Other arguments:
+        seed: of the counts; None leaves them zero, which serves bounds, since they read truth and coordinates alone.
+        attrs: more attributes.
+    """
+    rig = gated_rig(scene)
+    shape = (rig.camera.rows, rig.camera.cols)
+    number = rig.delays.count
+    count = number * len(rig.gates)
+    delay = np.tile(rig.delays.start_s + rig.delays.step_s * np.arange(number), len(rig.gates))
+    plane = np.broadcast_to(np.asarray(range_m, np.float64), shape).copy()
+    light = np.broadcast_to(np.asarray(amplitude, np.float64), shape).copy()
+    counts = np.zeros((count, *shape), np.uint16)
+    if seed is not None:
+        rng = np.random.Generator(np.random.PCG64(seed))
+        time = path_delay(plane, rig, group_index(scene.medium, rig.laser.wavelength_m))[0]
+        pulse, noise = optics_pulse(rig.laser.pulse), noise_model(rig)
+        for g, gate in enumerate(rig.gates):
+            table = correlation.tabulate(pulse, optics_gate(gate), 1e-6)
+            for k in range(g * number, (g + 1) * number):
+                echo = light * np.maximum(correlation.lookup(table, time - delay[k] - rig.t0_s), 0.0)
+                counts[k] = drawn_counts(np.nan_to_num(echo) + background, noise, rng)
+    declared = declared_rig(scene)
+    return make_capture(
+        "gated",
+        data={"counts": counts},
+        coords={
+            "delay": delay + declared["t0_s"], "gate": np.repeat(np.arange(len(rig.gates)), number),
+            "pulses": np.full(count, rig.pulses_per_slice), "laser_on": np.ones(count, bool),
+            "time": np.arange(count, dtype=float), "valid": np.ones(count, bool),
+        },
+        truth={
+            "truth_range": plane, "truth_depth": plane, "truth_incidence": plane * 0, "truth_albedo": plane * 0 + 0.5,
+            "truth_normal": np.zeros((*shape, 3)), "truth_material": np.zeros(shape, int),
+            "truth_mixed": np.zeros(shape, bool), "truth_first": plane, "truth_last": plane,
+            "truth_amplitude": light, "truth_background": np.full(count, background),
+        },
+        attrs={"rig": declared, "truth_scene": scene.model_dump(mode="json"), "truth_kind": "rendered", **attrs},
+    )  # fmt: skip
+
+
+def response_area_s(scene: Scene) -> tuple[float, float]:
+    """∫R du [s] and σ_R [s] of the rig's first gate, to turn photoelectrons of a whole echo into an amplitude."""
+    rig = gated_rig(scene)
+    table = correlation.tabulate(optics_pulse(rig.laser.pulse), optics_gate(rig.gates[0]), 1e-5)
+    u = table.start_s + table.step_s * np.arange(table.value.size)
+    area = float(np.trapezoid(table.value, dx=table.step_s))
+    mean = float(np.trapezoid(table.value * u, dx=table.step_s)) / area
+    return area, math.sqrt(float(np.trapezoid(table.value * (u - mean) ** 2, dx=table.step_s)) / area)

@@ -1,0 +1,1 @@
+"""Layouts: for each modality the variables of a capture, with dimensions, types and units."""

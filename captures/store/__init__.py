@@ -1,0 +1,1 @@
+"""The store of captures: checksummed, journalled, resumable."""

@@ -1,0 +1,126 @@
+"""Turn a partial store into a store: true length, attributes, manifest, all on disk, then one rename."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from ...scenes.errors import InputError
+from ..layouts.schema import SCHEMA_VERSION
+from .arrays import metadata_files
+from .journal import JOURNAL, Journal, fsync_path, write_file
+from .manifest import MANIFEST, MANIFEST_SUM, Manifest, Mark
+
+__all__ = ["disk_error", "is_store", "partial_of", "publish", "refuse_existing"]
+
+
+def partial_of(path: Path) -> Path:
+    """Where the store is written before it gets its name."""
+    return path.parent / f"{path.name}.partial"
+
+
+def is_store(path: Path) -> bool:
+    """Whether the folder was made by this package: only such a folder is ever replaced or removed."""
+    return path.is_dir() and ((path / MANIFEST).is_file() or (path / JOURNAL).is_file())
+
+
+def refuse_existing(path: Path, overwrite: bool) -> None:
+    """Raise InputError if something is at `path` that must not be replaced."""
+    if not os.path.lexists(path):
+        return
+    if not overwrite:
+        raise InputError(
+            "the output exists", where=str(path), next_step="choose another --out, or give --overwrite"
+        )  # fmt: skip
+    if path.is_symlink() or not is_store(path):
+        raise InputError(
+            "the output exists and is not a store of captures, so it is not overwritten",
+            where=str(path), next_step="choose another --out, or remove it yourself",
+        )  # fmt: skip
+
+
+def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, keep_replaced: Path | None = None) -> None:
+    """Give the captures of `journal` in `partial` the final name `path`. Raises OSError, InputError.
+
+    An existing store at `path` is moved aside, and removed only after the new one has taken its place; it stays under
+    the name `keep_replaced` where one is given.
+    """
+    if not journal.records:
+        raise InputError("there is no complete capture to store", where=str(path))
+    chunks: dict[str, dict[str, Mark]] = {name: {} for name in journal.structure}
+    for record in journal.records:
+        for name, marks in record.chunks.items():
+            chunks[name].update(marks)
+    _drop_unlisted(partial, chunks)
+    metadata = _final_metadata(partial, journal)
+    manifest = Manifest(journal.modality, len(journal.records), metadata, chunks)
+    text = manifest.text().encode()
+    write_file(partial / MANIFEST, text)
+    write_file(partial / MANIFEST_SUM, (hashlib.sha256(text).hexdigest() + "\n").encode())
+    for name in journal.structure:
+        fsync_path(partial / name)
+    fsync_path(partial)
+    _exchange(partial, path, overwrite, keep_replaced)
+    (path / JOURNAL).unlink(missing_ok=True)
+    fsync_path(path)
+
+
+def disk_error(error: OSError, doing: str, path: Path, next_step: str = "") -> InputError:
+    """An OSError in words that say what to do."""
+    advice = {
+        errno.ENOSPC: "free space on the disk, or choose another --out",
+        errno.EDQUOT: "free space in your quota, or choose another --out",
+        errno.EACCES: "choose another --out that you may write to",
+        errno.EPERM: "choose another --out that you may write to",
+        errno.EROFS: "choose another --out that you may write to",
+        errno.ENOTDIR: "choose another --out: a part of this path is a file",
+    }.get(error.errno or 0, "")
+    return InputError(
+        f"{doing} failed: {error.strerror or error}",
+        where=str(path), next_step="; ".join(filter(None, [advice, next_step])),
+    )  # fmt: skip
+
+
+def _final_metadata(partial: Path, journal: Journal) -> dict[str, str]:
+    attributes = {
+        "schema_version": SCHEMA_VERSION,
+        "modality": journal.modality,
+        "variables": list(journal.structure),
+        "captures": [record.attrs for record in journal.records],
+        "texts": journal.texts,
+    }
+    files = metadata_files(journal.structure, len(journal.records), attributes)
+    for name, content in files.items():
+        write_file(partial / name, content)
+    return {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+
+
+def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
+    # Of a capture that a crash cut short, and files that zarr was just writing.
+    for name, marks in chunks.items():
+        for file in os.listdir(partial / name):
+            if file not in marks and file != "zarr.json":
+                (partial / name / file).unlink()
+
+
+def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | None) -> None:
+    refuse_existing(path, overwrite)
+    aside = keep_replaced or path.with_name(path.name + ".replaced")
+    replacing = path.exists()
+    if replacing:
+        if keep_replaced is None and is_store(aside):
+            shutil.rmtree(aside)
+        os.rename(path, aside)
+    try:
+        os.rename(partial, path)
+    except OSError:
+        if replacing:
+            os.rename(aside, path)
+        raise
+    fsync_path(path.parent)
+    if replacing and keep_replaced is None:
+        shutil.rmtree(aside)

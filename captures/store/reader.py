@@ -1,0 +1,244 @@
+"""Read a store: checked when opened, each capture loaded when asked for."""
+
+from __future__ import annotations
+
+import json
+import operator
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, SupportsIndex
+
+import numpy as np
+
+from ...scenes.errors import InputError
+from ..validate import validate
+from .arrays import decode_attributes, open_arrays
+from .manifest import (
+    ASK_FOR_RIGHTS,
+    TAKE_ANEW,
+    UNREADABLE,
+    Manifest,
+    Mark,
+    check_metadata,
+    chunk_mark,
+    load_manifest,
+    read_problem,
+    regular_size,
+    safe_join,
+)
+from .publish import partial_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CaptureIndexError", "CaptureSet", "open_captures", "unchecked_captures"]
+
+
+class CaptureIndexError(InputError, IndexError):
+    """There is no capture of this index."""
+
+
+def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
+    """Open the store at `path` after checking its manifest, metadata, and that each chunk is there in full size.
+
+    Raises InputError: nothing there, a file, not a store, unfinished, another version, damaged metadata, missing or
+    truncated chunks. Damage inside a chunk is found when its capture is read, or by `verify`.
+    """
+    root = Path(path).expanduser()
+    _check_kind(root)
+    manifest = load_manifest(root)
+    problems = check_metadata(root, manifest)
+    names = {name.rpartition("/")[0] for name in manifest.metadata} - {""}
+    if not problems:
+        for array, marks in manifest.chunks.items():
+            folder = safe_join(root, array)
+            for key, (size, _) in marks.items():
+                try:
+                    found = regular_size(safe_join(folder, key))
+                except OSError as error:
+                    problems.append((f"{array}/{key}", read_problem(error)))
+                    continue
+                if found != size:
+                    problems.append((f"{array}/{key}", "missing" if found is None else f"{found} bytes, not {size}"))
+    if problems:
+        raise _refusal(root, problems)
+    for array in names:
+        if not (root / array).resolve().is_relative_to(root.resolve()):
+            raise InputError("a folder of the store leads out of it", where=str(root / array))
+    return unchecked_captures(root, manifest)
+
+
+def _refusal(root: Path, problems: list[tuple[str, str]]) -> InputError:
+    refused = [entry for entry in problems if entry[1].startswith(UNREADABLE)]
+    (name, problem), *more = refused or problems
+    told = f"{name}: {problem}" + (f", and {len(more)} more" if more else "")
+    if refused:
+        return InputError(f"a file of the store cannot be read: {told}", where=str(root), next_step=ASK_FOR_RIGHTS)
+    if any(name.endswith("zarr.json") for name, _ in problems):
+        return InputError(f"the store is damaged: {told}", where=str(root), next_step=TAKE_ANEW)
+    return InputError(
+        f"the store is damaged: {told}",
+        where=str(root),
+        next_step=f"`beambench data verify {root}` lists the damage, `beambench data repair {root}` keeps the rest",
+    )
+
+
+def unchecked_captures(root: Path, manifest: Manifest) -> CaptureSet:
+    """The captures that `manifest` lists in `root`, whose metadata are sound. Raises InputError if they disagree."""
+    try:
+        attributes = json.loads((root / "zarr.json").read_bytes())["attributes"]
+        captures = CaptureSet(
+            root, manifest.modality, attributes["variables"], attributes["coordinates"].split(),
+            attributes["captures"], attributes["texts"], manifest.chunks, manifest.sha256,
+        )  # fmt: skip
+        expected = {name: array.nchunks for name, array in captures.arrays.items()}
+        agree = len(captures) == manifest.count and expected == {name: len(m) for name, m in manifest.chunks.items()}
+    except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
+        raise InputError(f"the store's metadata are not those of captures: {error!r}", where=str(root)) from error
+    if not agree:
+        raise InputError("the store's metadata and manifest disagree on the number of chunks", where=str(root))
+    return captures
+
+
+class CaptureSet:
+    """The captures of a store as a sequence: `len(s)`, `s[i]`, `for capture in s`; one in memory at a time.
+
+    `path` and `modality` tell what they are; `attributes(i)` reads a capture's attributes without its arrays, and
+    `load(i, names)` only some of its variables. `sha256` is that of the manifest: it names all that the store holds.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        modality: str,
+        variables: list[str],
+        coordinates: list[str],
+        records: list[dict[str, list[Any]]],
+        texts: dict[str, str],
+        chunks: dict[str, dict[str, Mark]],
+        sha256: str = "",
+    ) -> None:
+        self.sha256 = sha256
+        self.path, self.modality, self.variables = path, modality, tuple(variables)
+        self._coordinates, self._records, self._texts = frozenset(coordinates), records, texts
+        self._marks: list[list[tuple[str, str, Mark]]] = [[] for _ in records]
+        for array, marks in chunks.items():
+            for key, mark in marks.items():
+                self._marks[int(key.split(".")[1])].append((array, key, mark))
+        self.arrays = open_arrays(path, variables, "r")
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __iter__(self) -> Iterator[xr.Dataset]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, index: SupportsIndex) -> xr.Dataset:
+        return self.load(index)
+
+    def __repr__(self) -> str:
+        return f"<CaptureSet of {len(self)} {self.modality} captures in {str(self.path)!r}>"
+
+    def attributes(self, index: SupportsIndex) -> dict[str, Any]:
+        """Attributes of one capture. Raises CaptureIndexError (an InputError and an IndexError)."""
+        return decode_attributes(self._records[self._index(index)], self._texts)
+
+    def load(self, index: SupportsIndex, names: Iterable[str] | None = None) -> xr.Dataset:
+        """One capture in memory, without the `capture` dimension.
+
+        Main arguments:
+            index: 0 … len − 1, or negative from the end.
+            names: the variables to read; all if None.
+
+        Raises CaptureIndexError for the index; InputError for an unknown name, a missing or damaged chunk.
+        """
+        import xarray as xr
+
+        number = self._index(index)
+        wanted = self.variables if names is None else tuple(names)
+        for name in wanted:
+            if name not in self.arrays:
+                raise InputError(
+                    "the store has no such variable",
+                    where=str(self.path),
+                    value=name,
+                    allowed=", ".join(self.variables),
+                )
+        self._check_marks(number, frozenset(wanted))
+        data: dict[str, xr.Variable] = {}
+        coords: dict[str, xr.Variable] = {}
+        for name in wanted:
+            array = self.arrays[name]
+            dims = (getattr(array.metadata, "dimension_names", None) or ())[1:]
+            variable = xr.Variable(dims, self._read(name, number), dict(array.attrs))
+            (coords if name in self._coordinates else data)[name] = variable
+        capture = xr.Dataset(data, coords, self.attributes(number))
+        if names is None:
+            validate(capture, "layout", where=f"{self.path}: capture {number}")
+        return capture
+
+    def _index(self, index: SupportsIndex) -> int:
+        try:
+            number = operator.index(index)
+        except TypeError as error:
+            raise InputError("a capture is asked for by its number", where=str(self.path), value=index) from error
+        if not -len(self) <= number < len(self):
+            raise CaptureIndexError(
+                "there is no capture of this index", where=str(self.path), value=number, allowed=f"0 … {len(self) - 1}"
+            )
+        return number % len(self)
+
+    def _check_marks(self, number: int, wanted: frozenset[str]) -> None:
+        # A chunk of another store or capture has a sound checksum of its own: only its mark tells.
+        for array, key, mark in self._marks[number]:
+            if array not in wanted:
+                continue
+            try:
+                sound = (
+                    regular_size(self.path / array / key) is not None and chunk_mark(self.path / array / key) == mark
+                )
+            except OSError as error:
+                raise _refusal(self.path, [(f"{array}/{key}", read_problem(error))]) from error
+            if not sound:
+                raise self._damage(f"{array}/{key}", "missing, or not the chunk that was written")
+
+    def _read(self, name: str, number: int) -> np.ndarray[Any, Any]:
+        try:
+            return np.asarray(self.arrays[name][number])
+        except PermissionError as error:
+            raise _refusal(self.path, [(f"{name}, capture {number}", read_problem(error))]) from error
+        except (OSError, ValueError, RuntimeError) as error:
+            raise self._damage(f"{name}, capture {number}", str(error)) from error
+
+    def _damage(self, what: str, problem: str) -> InputError:
+        return InputError(
+            f"a chunk is damaged: {problem}",
+            where=f"{self.path}: {what}",
+            next_step=f"`beambench data verify {self.path}` lists the damage, `beambench data repair {self.path}` "
+            "keeps the rest",
+        )
+
+
+def _check_kind(root: Path) -> None:
+    if root.is_dir():
+        if root.name.endswith(".partial"):
+            raise InputError(
+                "the store is unfinished",
+                where=str(root),
+                next_step=f"`beambench data finalize {root}` keeps what is there",
+            )
+        return
+    if root.exists():
+        raise InputError(
+            "a file, not a store of captures",
+            where=str(root), allowed="a folder written by beambench",
+            next_step="`beambench generate SCENE --out PATH` makes one",
+        )  # fmt: skip
+    partial = partial_of(root)
+    raise InputError(
+        "there is no such store",
+        where=str(root),
+        next_step=f"`beambench data finalize {partial}` keeps the complete captures of an interrupted run"
+        if partial.is_dir() else "`beambench generate SCENE --out PATH` makes one",
+    )  # fmt: skip

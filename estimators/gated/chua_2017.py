@@ -1,0 +1,158 @@
+"""The seed's range model (Eq. 23, 24) as printed, and the same with the cosine on the side that the text asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics.jit import kernel
+from ...scenes.errors import InputError
+from ..registry import estimator
+from ..result import range_result
+from .tools.instrument import Instrument
+from .tools.maximum import TILE
+from .tools.stack import Stack, load_row, read_stack
+
+__all__ = ["chua_2017", "chua_2017_orthogonal", "model_angle", "printed_reflection"]
+
+Float = npt.NDArray[np.float64]
+CITES = "Chua, Guo and Wang, Sensors 17(9):2031, 2017, Eq. 23-24 of the seed text"
+
+
+def model_angle(rig: Instrument, k: float, phi: float | None) -> Float:
+    """θ(x, y) = (ρ/ρ_max)^k·φ [rad] (Eq. 12, 13), (row, col): ρ from the principal point [px].
+
+    The text lets the illumination cover "an area within (x_max, y_max) with half diverging cone propagation of angle φ":
+    φ belongs to the cone's edge. So with the declared beam half angle (phi None) ρ_max = focal length·tan φ, where that
+    edge falls on the array's plane, be it inside the array or beyond. A phi that is given is the angle at the array's
+    farthest corner, ρ_max that corner's ρ: the reading of (x_max, y_max) as the image's size. At most π/2.
+    """
+    x = (np.arange(rig.cols) - rig.principal_col)[None, :]
+    y = (np.arange(rig.rows) - rig.principal_row)[:, None]
+    rho = np.hypot(x, y)
+    if phi is None:
+        angle = float(rig.rig["laser"]["half_angle_rad"])
+        edge = rig.focal_px * np.tan(min(angle, 0.5 * np.pi))
+    else:
+        angle, edge = phi, float(rho.max())
+    with np.errstate(over="ignore", divide="ignore"):
+        return np.asarray(np.minimum((rho / max(edge, 1e-300)) ** k * angle, 0.5 * np.pi))
+
+
+def printed_reflection(theta: Float, k_s: float, k_d: float, slope: float, diffusivity: float) -> Float:
+    """Eq. 4: K_S/cos⁶θ·exp(−tan²θ/s²) + K_D·cosᵐθ, with the first term in logarithms (cos⁻⁶ overflows at grazing)."""
+    cos = np.cos(theta)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_cos = np.log(np.maximum(cos, 1e-300))
+        specular = np.exp(-6 * log_cos - (np.tan(theta) / slope) ** 2)
+        return np.asarray(np.where(cos > 0, k_s * specular + k_d * np.exp(diffusivity * log_cos), 0.0))
+
+
+@kernel(error_model="numpy")
+def _moments(counts, slices, group, levels, noise, share, number, reads, t, reflection, threshold, tau, sigma, ok):  # type: ignore[no-untyped-def]
+    """Σ f⁻¹ w I t³ / Σ f⁻¹ w I t² with w = 1, the factor of Eq. 23 in every term as printed."""
+    rows, cols = counts.shape[1], counts.shape[2]
+    offset, scale, saturation = levels
+    excess, floor = noise
+    bad = np.zeros(TILE, np.int64)
+    for row in range(rows):
+        for first in range(0, cols, TILE):
+            width = min(TILE, cols - first)
+            y = np.empty((width, share.size))
+            load_row(counts, slices, group, row, first, offset, scale, saturation, y, bad[:width])
+            for c in range(width):
+                col = first + c
+                factor = 1.0 / reflection[row, col] if reflection[row, col] > 0 else np.inf
+                top, light, quiet = 0.0, 0.0, 0.0
+                for g in range(t.size):
+                    v = y[c, g] * share[g]
+                    top = max(top, v)
+                    light += v
+                    quiet += (excess * max(v, 0.0) + floor * reads[g]) / number[g]
+                up, down = 0.0, 0.0
+                for g in range(t.size):
+                    v = y[c, g] * share[g]
+                    if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
+                        up += factor * v * t[g] ** 3
+                        down += factor * v * t[g] ** 2
+                mean = up / down if down > 0 else np.nan
+                variance = 0.0
+                for g in range(t.size):
+                    v = y[c, g] * share[g]
+                    if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
+                        lever = factor * t[g] ** 2 * (t[g] - mean) / down if down > 0 else np.nan
+                        variance += lever * lever * (excess * max(v, 0.0) + floor * reads[g]) / number[g]
+                tau[row, col] = mean
+                sigma[row, col] = np.sqrt(variance)
+                ok[row, col] = bad[c] == 0 and light > 3 * np.sqrt(quiet)
+
+
+def _average(stack: Stack, reflection: Float, threshold: float) -> tuple[Float, Float, npt.NDArray[np.bool_]]:
+    rig = stack.instrument
+    shape = stack.counts.shape[1:]
+    tau, sigma, ok = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
+    if stack.signal:
+        _moments(
+            stack.counts, stack.slices, stack.group, (rig.offset_dn, 1 / rig.dn_per_pe, rig.saturation_dn),
+            (rig.excess, rig.floor_var), stack.frames / stack.exposure, stack.exposure, stack.reads,
+            stack.centroid_delay_s, reflection, threshold, tau, sigma, ok,
+        )  # fmt: skip
+    return tau, sigma, ok
+
+
+def _run(
+    capture: xr.Dataset, k_s: float, k_d: float, slope: float, diffusivity: float, k: float, phi: float | None,
+    threshold: float,
+) -> tuple[Instrument, Float, Float, npt.NDArray[np.bool_], Float]:  # fmt: skip
+    if k_s < 0 or k_d < 0 or k_s + k_d <= 0 or slope <= 0:
+        raise InputError(
+            "not a reflection",
+            where="chua-2017",
+            value=(k_s, k_d, slope),
+            allowed="k_s, k_d >= 0 not both 0, slope > 0",
+        )
+    if not 0 <= threshold < 1:
+        raise InputError("threshold is a fraction", where="chua-2017", value=threshold, allowed="0 <= threshold < 1")
+    stack = read_stack(capture)
+    theta = model_angle(stack.instrument, k, phi)
+    tau, sigma, ok = _average(stack, printed_reflection(theta, k_s, k_d, slope, diffusivity), threshold)
+    radial, error = stack.instrument.to_range(tau, sigma)
+    return stack.instrument, radial, error, ok, np.cos(theta)
+
+
+@estimator("gated", cites=CITES)
+def chua_2017(
+    capture: xr.Dataset, *, k_s: float = 0.0, k_d: float = 1.0, slope: float = 0.3, diffusivity: float = 1.0,
+    k: float = 1.0, phi: float | None = None, threshold: float = 0.0,
+) -> xr.Dataset:  # fmt: skip
+    """⟨r⟩ = 1/cos θ_m · Σ f⁻¹ w I r³ / Σ f⁻¹ w I r², exactly as printed; I = counts − offset, w = 1, r_i = c·t_i/2n_g.
+
+    f is Eq. 4 at θ_m = (ρ/ρ_max)^k·φ and the same for all slices of a pixel, so it cancels; it is computed all the
+    same. t_i is the delay plus R's centroid. What the printed model does to the radial range that a time of flight
+    is: it divides by cos θ_m (orthogonal → radial, a second time), and r³/r² moves a symmetric echo out by 2σ²/r; a
+    background pulls as in `weighted-average`. The result is returned as it comes, as the radial range [m].
+    Other arguments: k_s, k_d, slope, diffusivity: K_S, K_D, s, m of Eq. 4; k, phi [rad]: Eq. 13 (None: the declared beam
+    half angle at the cone's edge; a number: the angle at the array's farthest corner); threshold: samples below this
+    fraction of the pixel's greatest are left out (printed: 0).
+    Returns range, sigma [m] by error propagation, valid (row, col). Raises InputError for parameters out of range.
+    """
+    _rig, radial, error, ok, cos = _run(capture, k_s, k_d, slope, diffusivity, k, phi, threshold)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return range_result(radial / cos, error / np.abs(cos), ok & (cos > 1e-6))
+
+
+@estimator("gated", cites=CITES + " (cosine multiplied: the orthogonal distance of Eq. 11)")
+def chua_2017_orthogonal(
+    capture: xr.Dataset, *, k_s: float = 0.0, k_d: float = 1.0, slope: float = 0.3, diffusivity: float = 1.0,
+    k: float = 1.0, phi: float | None = None, threshold: float = 0.0,
+) -> xr.Dataset:  # fmt: skip
+    """As `chua-2017` with ×cos θ_m instead of ÷: r_orthogonal = cos θ_m · Σ f⁻¹ w I r³ / Σ f⁻¹ w I r² (Eq. 11).
+
+    The contract wants the radial range: the orthogonal distance is divided by the cosine of the pixel's true ray, so
+    that what remains is the error of the model's angle (ρ/ρ_max)^k·φ, and that of the r³/r² weights.
+    Arguments, result and errors as `chua-2017`.
+    """
+    rig, radial, error, ok, cos = _run(capture, k_s, k_d, slope, diffusivity, k, phi, threshold)
+    ratio = cos / rig.rays()[..., 2]
+    return range_result(radial * ratio, error * np.abs(ratio), ok & (cos > 1e-6))

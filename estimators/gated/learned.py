@@ -1,0 +1,132 @@
+"""A learned estimator: one layer of fixed random units and a ridge regression, trained on generated captures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics.jit import kernel
+from ...scenes.errors import InputError
+from ..registry import estimator
+from ..result import range_result
+from .tools.features import FEATURES, features_of, resolved
+from .tools.stack import read_stack
+
+__all__ = ["Weights", "learned", "predict", "read_weights"]
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """centre, scale (feature); hidden (unit, feature) and bias (unit), drawn once; answer and log_error
+    (1 + feature + unit): linear in 1, the scaled features and the units; factor: calibration of the stated error.
+
+    What the training held: low, high (feature); light (2): least and most photoelectrons of an echo, over F²; excess: the
+    greatest excess noise factor.
+    """
+
+    centre: Float
+    scale: Float
+    hidden: Float
+    bias: Float
+    answer: Float
+    log_error: Float
+    factor: float
+    low: Float
+    high: Float
+    light: Float
+    excess: float
+
+
+@kernel(error_model="numpy")
+def predict(features, ok, centre, scale, hidden, bias, answer, log_error, value, error):  # type: ignore[no-untyped-def]
+    """Answers of all rows of features (pixel, feature) that are ok: h = tanh(H·f + b), value = w·(1, f, h), error =
+    exp(v·(1, f, h)). One pixel after the other, so that no answer depends on its neighbours."""
+    n, units = centre.size, bias.size
+    f = np.empty(n)
+    for p in range(features.shape[0]):
+        if not ok[p]:
+            continue
+        a, b = answer[0], log_error[0]
+        for i in range(n):
+            f[i] = (features[p, i] - centre[i]) * scale[i]
+            a += answer[1 + i] * f[i]
+            b += log_error[1 + i] * f[i]
+        for u in range(units):
+            t = bias[u]
+            for i in range(n):
+                t += hidden[u, i] * f[i]
+            t = np.tanh(t)
+            a += answer[1 + n + u] * t
+            b += log_error[1 + n + u] * t
+        value[p], error[p] = a, np.exp(min(max(b, -12.0), 3.0))
+
+
+@lru_cache(maxsize=4)
+def read_weights(path: str | None) -> Weights:
+    """Weights from an .npz file, or those shipped with the package. Raises InputError where they do not fit."""
+    where = path or "library/learned.npz"
+    try:
+        if path is None:
+            with (files("beambench.estimators.gated") / "library" / "learned.npz").open("rb") as file:
+                data: dict[str, Any] = dict(np.load(file, allow_pickle=False))
+        else:
+            with np.load(path, allow_pickle=False) as archive:
+                data = dict(archive)
+        arrays = {k: np.asarray(data[k], dtype=np.float64) for k in
+                  ("centre", "scale", "hidden", "bias", "answer", "log_error", "low", "high", "light")}  # fmt: skip
+        numbers = {k: float(data[k]) for k in ("factor", "excess")}
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError("not the weights of `learned`", where=where, value=str(error)[:200]) from error
+    units = arrays["bias"].size
+    fit = arrays["hidden"].shape == (units, FEATURES) and arrays["centre"].shape == arrays["scale"].shape == (FEATURES,)
+    fit = fit and arrays["low"].shape == arrays["high"].shape == (FEATURES,) and arrays["light"].shape == (2,)
+    fit = fit and arrays["answer"].shape == arrays["log_error"].shape == (1 + FEATURES + units,)
+    if not fit or not all(np.isfinite(a).all() for a in arrays.values()) or not min(numbers.values()) > 0:
+        raise InputError("weights of a wrong shape", where=where, allowed=f"{FEATURES} features")
+    return Weights(factor=numbers["factor"], excess=numbers["excess"], **arrays)
+
+
+@estimator("gated", cites="Huang, Zhu and Siew, Neurocomputing 70:489, 2006 (random hidden units, linear output)")
+def learned(capture: xr.Dataset, *, weights: str | None = None, min_snr: float = 4.0) -> xr.Dataset:
+    """τ = τ₀ + σ_R·w·(1, f, tanh(H f + b)): f the normalised profile about a matched filter's first guess τ₀.
+
+    Trained by `beambench estimators train` on the generated captures of suite `learned-training`, of water and air (the
+    weights name theirs in their entry `trained_on`); H and b are random and fixed, w comes from one linear solve. It knows
+    the declared instrument through τ₀, σ_R and R's centroid only, and learns what water adds: ramp, halo, attenuation.
+    Other arguments: weights: an .npz file of `train`; min_snr: least amplitude in its rough standard errors.
+    Returns range, sigma [m], valid (row, col). sigma is learned as well (a regression of log error, calibrated on
+    captures held out), and at least σ_R·F/√N, what a centroid of the echo's N photoelectrons has without background.
+    Invalid: what the training did not hold (more excess noise, fewer or more photoelectrons, more background; the weights
+    keep the limits), slices farther apart than the points of f, clipped or NaN samples, no echo, a stated error beyond R's
+    own width. Raises InputError for weights that do not fit.
+    """
+    if min_snr < 0:
+        raise InputError("min_snr must not be negative", where="learned", value=min_snr, allowed=">= 0")
+    w = read_weights(weights)
+    stack = read_stack(capture)
+    shape = stack.counts.shape[1:]
+    value, error = np.full(shape, np.nan), np.full(shape, np.nan)
+    # A tube of more noise than any that was trained on, and points of the profile without a slice of their own: the
+    # features do not show either, the rig does.
+    if stack.signal < 5 or stack.instrument.excess > 1.001 * w.excess or not resolved(stack):
+        return range_result(value, error, np.zeros(shape, dtype=bool))
+    features, guess, width, ok, light = features_of(stack, min_snr)
+    with np.errstate(invalid="ignore"):
+        ok &= (light >= w.light[0]) & (light <= w.light[1])
+    ok &= ((features >= w.low) & (features <= w.high)).all(axis=-1)
+    predict(
+        features.reshape(-1, FEATURES), ok.reshape(-1), w.centre, w.scale, w.hidden, w.bias, w.answer, w.log_error,
+        value.reshape(-1), error.reshape(-1),
+    )  # fmt: skip
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = np.maximum(w.factor * error, 1 / np.sqrt(light))
+        ok &= (error < 1) & (np.abs(value) < 5)
+    return range_result(*stack.instrument.to_range(guess + width[0] * value, width[0] * error), ok)

@@ -1,0 +1,163 @@
+"""A capture as the gated estimators read it: signal slices sorted by delay, equal ones summed, background slices last.
+
+Repeated slices of one delay and gate are summed, which loses nothing: a sum of Poisson counts is sufficient for their
+common mean. Laser-off slices form one group at the end, with no response.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ....optics.jit import kernel
+from ....scenes.errors import InputError
+from .instrument import Instrument, instrument_of
+
+__all__ = ["Stack", "load_row", "read_stack"]
+
+Float = npt.NDArray[np.float64]
+Int = npt.NDArray[np.int64]
+#: The plans of the last few instruments and sets of delays: making one takes as long as a small estimate.
+_plans: OrderedDict[tuple[Any, ...], Stack] = OrderedDict()
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Counts and the plan for reading them.
+
+    counts (slice, row, col), never copied; `slices`, `group`: the used slices and the group of each; per group:
+    delay_s, gate, count (slices summed) and exposure (Σ pulses / nominal pulses), signal groups first (`signal` of
+    them, sorted by delay). `frames` is the number of frames averaged into one float32 value (1 for uint16). `key` names the
+    plan: all but the counts.
+    """
+
+    counts: npt.NDArray[Any]
+    instrument: Instrument
+    slices: Int
+    group: Int
+    delay_s: Float
+    gate: Int
+    count: Float
+    exposure: Float
+    signal: int
+    frames: float
+    key: tuple[Any, ...]
+
+    @property
+    def groups(self) -> int:
+        """Number of groups, background included."""
+        return int(self.delay_s.size)
+
+    @property
+    def reads(self) -> Float:
+        """Slices per nominal exposure of every group: a value y of nominal exposure, made of the group's slices, has the
+        variance (F²·y + reads·σ_r²)/exposure, since light grows with the pulses and read noise with the slices."""
+        return np.asarray(self.count / self.exposure)
+
+    @property
+    def centroid_delay_s(self) -> Float:
+        """Per signal group, the echo time that its response is centred on: delay plus R's centroid."""
+        shift = np.array([r.centroid_s for r in self.instrument.responses])
+        return np.asarray(self.delay_s[: self.signal] + shift[self.gate[: self.signal]])
+
+    def spacing_s(self) -> float:
+        """Median distance of neighbouring delays; the correlation's standard deviation where there is only one."""
+        gaps = np.diff(np.unique(self.delay_s[: self.signal]))
+        if gaps.size:
+            return float(np.median(gaps))
+        return float(np.sqrt(self.instrument.responses[0].variance_s2))
+
+
+def read_stack(capture: xr.Dataset) -> Stack:
+    """Plan the reading of a gated capture. Raises InputError where coordinates are missing or of wrong size."""
+    variables = capture.variables
+    if "counts" not in variables or variables["counts"].dims != ("slice", "row", "col"):
+        found = variables["counts"].dims if "counts" in variables else None
+        raise InputError("no gated stack", where="counts", value=found, allowed="dims (slice, row, col)")
+    instrument = instrument_of(capture)
+    counts = variables["counts"].values
+    total = counts.shape[0]
+    if counts.shape[1:] != (instrument.rows, instrument.cols):
+        raise InputError(
+            "the stack's size differs from the declared camera's",
+            where="counts",
+            value=counts.shape[1:],
+            allowed=f"({instrument.rows}, {instrument.cols})",
+        )
+
+    def per_slice(name: str, default: Any) -> npt.NDArray[Any]:
+        if name not in variables:
+            if default is None:
+                raise InputError(f"the capture has no coordinate {name}", where=name)
+            return np.full(total, default)
+        values = np.asarray(variables[name].values)
+        if values.shape != (total,):
+            raise InputError(
+                f"coordinate {name} is not per slice", where=name, value=values.shape, allowed=f"({total},)"
+            )
+        return values
+
+    delay = per_slice("delay", None).astype(np.float64)
+    gate = per_slice("gate", 0).astype(np.int64)
+    pulses = per_slice("pulses", instrument.pulses_per_slice).astype(np.float64) / instrument.pulses_per_slice
+    laser = per_slice("laser_on", True).astype(bool)
+    valid = per_slice("valid", True).astype(bool)
+    frames = float(capture.attrs.get("averaged", 1) or 1)
+    key = (instrument.key, frames, *(part.tobytes() for part in (delay, gate, pulses, laser, valid)))
+    if key not in _plans:
+        _plans[key] = _plan(instrument, delay, gate, pulses, laser, valid, frames, key)
+        while len(_plans) > 8:
+            _plans.popitem(last=False)
+    return replace(_plans[key], counts=counts)
+
+
+def _plan(
+    instrument: Instrument, delay: Float, gate: Int, pulses: Float, laser: npt.NDArray[np.bool_],
+    valid: npt.NDArray[np.bool_], frames: float, key: tuple[Any, ...],
+) -> Stack:  # fmt: skip
+    """All of a Stack but its counts."""
+    if (gate[valid & laser] < 0).any() or (gate[valid & laser] >= len(instrument.responses)).any():
+        raise InputError(
+            "a slice names a gate that the rig lacks", where="gate", allowed=f"0 to {len(instrument.responses) - 1}"
+        )
+    on = np.flatnonzero(valid & laser & np.isfinite(delay))
+    off = np.flatnonzero(valid & ~laser)
+    keys, index = np.unique(np.stack([delay[on], gate[on].astype(np.float64)], axis=1), axis=0, return_inverse=True)
+    signal = keys.shape[0]
+    slices = np.concatenate([on, off])
+    group = np.concatenate([index.reshape(-1), np.full(off.size, signal)]).astype(np.int64)
+    groups = signal + (1 if off.size else 0)
+    return Stack(
+        counts=np.zeros((0, instrument.rows, instrument.cols), dtype=np.uint16),
+        instrument=instrument,
+        slices=slices.astype(np.int64),
+        group=group,
+        delay_s=np.concatenate([keys[:, 0], np.full(groups - signal, np.nan)]),
+        gate=np.concatenate([keys[:, 1], np.zeros(groups - signal)]).astype(np.int64),
+        count=frames * np.bincount(group, minlength=groups).astype(np.float64),
+        exposure=np.asarray(frames * np.bincount(group, weights=pulses[slices], minlength=groups), dtype=np.float64),
+        signal=signal,
+        frames=frames,
+        key=key,
+    )
+
+
+@kernel
+def load_row(counts, slices, group, row, first, offset, scale, saturation, out, bad):  # type: ignore[no-untyped-def]
+    """out[col, group] = Σ (counts − offset)·scale over the group's slices, for the columns from `first`; bad[col]
+    counts samples that are clipped, NaN or infinite (their sum is left as it falls: the caller treats those pixels apart)."""
+    out[:] = 0.0
+    bad[:] = 0
+    columns = out.shape[0]
+    for i in range(slices.size):
+        k, g = slices[i], group[i]
+        for c in range(columns):
+            v = float(counts[k, row, first + c])
+            if not -np.inf < v < saturation:
+                bad[c] += 1
+            out[c, g] += (v - offset) * scale

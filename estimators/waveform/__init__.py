@@ -1,0 +1,1 @@
+"""Estimators of range from a recorded pulse."""

@@ -1,0 +1,199 @@
+"""Timing by an edge: fixed threshold (leading edge), the counter that it stops, and constant fraction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics.time_of_flight import count_cycles, pulse_distance_eq23
+from ...scenes.errors import InputError
+from ..registry import estimator
+from ..shots import shot_result
+from .record import WaveformRecord, read_record
+
+__all__ = ["rise_lag", "waveform_constant_fraction", "waveform_counter", "waveform_leading_edge"]
+
+Float = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """First upward crossing of a level: its time, s; found."""
+
+    time_s: Float
+    found: Bool
+
+
+def _crossing(record: WaveformRecord, level: Float) -> _Crossing:
+    """Straight line between the two samples around each shot's `level`, at the first crossing."""
+    z = record.z
+    up = (z[:, :-1] < level[:, None]) & (z[:, 1:] >= level[:, None])
+    at = np.argmax(up, axis=1)
+    found = up.any(axis=1)
+    at = np.where(found, at, 0)
+    rows = np.arange(len(z))
+    before, after = z[rows, at], z[rows, at + 1]
+    sound = record.good[rows, at] & record.good[rows, at + 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        f = (level - before) / (after - before)
+    return _Crossing(record.time_s[at] + record.step_s * f, found & sound)
+
+
+def rise_lag(record: WaveformRecord, fraction: Float, smooth: int = 1) -> Float:
+    """Time after the echo's own at which its sampled template, averaged over `smooth` samples, first reaches `fraction`
+    (any shape, 0 … 1) of its top, s."""
+    share = record.share
+    pad = 0.5 * (smooth + 1) * record.step_s
+    u = np.arange(share.start_s - pad, share.start_s + share.step_s * share.value.size + pad, share.step_s)
+    shifts = (np.arange(smooth) - 0.5 * (smooth - 1)) * record.step_s
+    value = np.mean([share(u + shift)[0] for shift in shifts], axis=0)
+    # Later samples see smaller u: the template against t − τ = step/2 − u, from its start to its top.
+    value, lag = value[::-1], (0.5 * record.step_s - u)[::-1]
+    top = int(np.argmax(value))
+    rising = np.maximum.accumulate(value[: top + 1])
+    start = int(np.flatnonzero(rising > 1e-9 * value[top])[0])
+    first = max(start - 1, 0)
+    found = np.interp(np.asarray(fraction) * value[top], rising[first:], lag[first : top + 1])
+    return np.asarray(found, np.float64)
+
+
+def _threshold(record: WaveformRecord, threshold_sigma: float, where: str) -> Float:
+    """A fixed level above each shot's background: `threshold_sigma` of the background's own noise."""
+    if threshold_sigma <= 0:
+        raise InputError("threshold_sigma must be positive", where=where, value=threshold_sigma, allowed="> 0")
+    level, _ = record.outside()
+    # A record without any noise floor still needs one count to cross.
+    return np.asarray(level + threshold_sigma * np.sqrt(np.maximum(record.variance(level), 0.25)))
+
+
+def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str) -> tuple[Float, Float, Bool]:
+    """(time of the crossing with its lag behind the echo taken off, its standard error, found), each (shot).
+
+    Along the line between two samples the mean of (1−f)² + f² is 2/3 of one sample's variance.
+    """
+    base, _ = record.outside()
+    level = _threshold(record, threshold_sigma, where)
+    crossing = _crossing(record, level)
+    height = np.maximum(np.where(record.good, record.z, -np.inf).max(axis=1) - base, 1e-9)
+    part = np.clip((level - base) / height, 1e-3, 0.95)
+    fraction = np.full(len(level), 0.5)
+    if walk == "median" and crossing.found.any():
+        fraction = np.full(len(level), np.median(part[crossing.found]))
+    # The edge's slope from the response: that of two noisy samples is steepest where noise made it cross.
+    sigma = np.sqrt(2 / 3 * record.variance(level)) / (height * _edge_slope(record, part, 1))
+    return crossing.time_s - rise_lag(record, fraction), sigma, crossing.found & record.usable
+
+
+@estimator(
+    "waveform",
+    cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (recalled; walk)",
+)
+def waveform_leading_edge(
+    capture: xr.Dataset, *, threshold_sigma: float = 8.0, walk: Literal["median", "none"] = "median"
+) -> xr.Dataset:
+    """First crossing of a fixed threshold, less the response's lag there.
+
+    A brighter echo crosses earlier (walk). Other arguments: threshold_sigma: the threshold above the background, in
+    standard deviations of its noise. walk: "median" takes the lag at the median height of the capture's echoes, as an
+    instrument set up on its own targets would, so that the walk of echoes that differ from it is left; "none" takes the
+    lag at half height. sigma tells the noise only.
+    Returns range, sigma [m] and valid (shot). Invalid: no crossing, a clipped sample at it.
+    """
+    record = read_record(capture)
+    tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-leading-edge")
+    return shot_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+
+
+@estimator("waveform", cites="Kusters 1992, Figure 2.2 and Eq. 2.3 (an oscillator counted while the pulse is away)")
+def waveform_counter(
+    capture: xr.Dataset,
+    *,
+    counter_hz: float | None = None,
+    threshold_sigma: float = 8.0,
+    walk: Literal["median", "none"] = "median",
+) -> xr.Dataset:
+    """The leading edge stops a counter: n = floor(f t) cycles, D = v t/2 with t = (n + ½)/f (Eq. 2.3).
+
+    The error of counting is even over ±v/4f, rms v/(2f√12), beside the edge's noise and walk.
+    Other arguments: counter_hz: f; by default the rig's. The others: as `waveform-leading-edge`.
+    Returns range, sigma [m] and valid (shot). Raises InputError where there is no counter.
+    """
+    record = read_record(capture)
+    hertz = record.counter_hz if counter_hz is None else counter_hz
+    if hertz is None or not hertz > 0:
+        raise InputError(
+            "the rig has no counter", where="waveform-counter", value=hertz, allowed="counter_hz above 0",
+            next_step="waveform-counter[counter_hz=1e9], or set rig.counter_hz of the scene",
+        )  # fmt: skip
+    tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-counter")
+    cycles = count_cycles(tau, hertz)
+    distance = pulse_distance_eq23((cycles + 0.5) / hertz, 2.0 * record.m_per_s)
+    sigma = np.sqrt(sigma**2 + 1.0 / (12.0 * hertz**2))
+    return shot_result(distance, sigma * record.m_per_s, found & (cycles >= 0))
+
+
+@estimator("waveform", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction)")
+def waveform_constant_fraction(
+    capture: xr.Dataset, *, fraction: float = 0.5, smooth: float = 0.5, min_snr: float = 4.0
+) -> xr.Dataset:
+    """Last crossing of a fraction of the echo's own height before its top, less the response's lag at that fraction.
+
+    Free of walk, since the level follows the height (parabola through the three highest samples). The record is
+    smoothed first, as the comparator's bandwidth would: otherwise noise crosses the level many times.
+    Other arguments: fraction: 0.05 … 0.95. smooth: length of the moving average in σ of the response. min_snr: least
+    height in standard deviations of the noise at the top.
+    Returns range, sigma [m] and valid (shot).
+    """
+    if not 0.05 <= fraction <= 0.95 or not 0 <= smooth <= 4:
+        raise InputError(
+            "out of range", where="waveform-constant-fraction", value=(fraction, smooth),
+            allowed="fraction .05 … .95, smooth 0 … 4",
+        )  # fmt: skip
+    record = read_record(capture)
+    length = min(max(1, 2 * int(0.5 * smooth * record.width_s / record.step_s) + 1), record.time_s.size)
+    z = _moving_mean(np.where(record.good, record.z, 0.0), length)
+    sound = _moving_mean(record.good.astype(np.float64), length) > 1 - 0.5 / length
+    base, number = record.outside()
+    rows = np.arange(len(z))
+    top = np.clip(np.argmax(np.where(sound, z, -np.inf), axis=1), 1, z.shape[1] - 2)
+    left, mid, right = (z[rows, top + i] for i in (-1, 0, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curve = left - 2 * mid + right
+        peak = np.where(curve < 0, mid - (right - left) ** 2 / (8 * curve), mid)
+        level = base + fraction * (peak - base)
+        below = (z < level[:, None]) & (np.arange(z.shape[1]) < top[:, None])
+        at = z.shape[1] - 1 - np.argmax(below[:, ::-1], axis=1)
+        found = record.usable & below.any(axis=1) & (peak - base > min_snr * np.sqrt(record.variance(mid) / length))
+        at = np.where(below.any(axis=1), at, 0)
+        found &= sound[rows, top] & sound[rows, at] & sound[rows, at + 1]
+        rise = z[rows, at + 1] - z[rows, at]
+        f = (level - z[rows, at]) / rise
+        # Averages over neighbours share all but one sample each: the line between them has the noise of one average.
+        share = (1 - f) ** 2 + f**2 if length == 1 else 1.0
+        own = share * record.variance(level) / length
+        shift = fraction**2 * record.variance(mid) / length + (1 - fraction) ** 2 * record.variance(base) / number
+        # The edge's slope from the response: that of two noisy samples would be at its steepest where noise helps.
+        sigma = np.sqrt(own + shift) / ((peak - base) * _edge_slope(record, np.asarray(fraction), length))
+    tau = record.time_s[at] + record.step_s * f - rise_lag(record, np.asarray(fraction), length)
+    return shot_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+
+
+def _edge_slope(record: WaveformRecord, fraction: Float, length: int) -> Float:
+    """Rise of the template at `fraction` (any shape), in its own height per second."""
+    low, high = 0.95 * fraction, np.minimum(1.05 * fraction, 0.999)
+    return np.asarray((high - low) / (rise_lag(record, high, length) - rise_lag(record, low, length)))
+
+
+def _moving_mean(z: Float, length: int) -> Float:
+    """Mean over `length` (odd) samples; the ends repeat the outermost sample."""
+    if length == 1:
+        return z
+    half = length // 2
+    padded = np.pad(z, ((0, 0), (half + 1, half)), mode="edge")
+    total = np.cumsum(padded, axis=1)
+    return np.asarray((total[:, length:] - total[:, :-length]) / length)

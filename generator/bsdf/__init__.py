@@ -1,0 +1,1 @@
+"""Reflection laws for Mitsuba, and textures."""

@@ -1,0 +1,1 @@
+"""The forward model of range-gated stacks."""

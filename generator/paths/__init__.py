@@ -1,0 +1,1 @@
+"""The path tracer: light after several events, with its arrival times."""

@@ -1,0 +1,194 @@
+"""What a lens and a lamp of finite size change of the light that meets one surface: finite minus pinhole and point.
+
+Both are traced at the same points of the pixel, so that their difference is little noise where it is small. The lens is thin:
+light from the point in focus, P, arrives at once over all of the aperture, so that light through its point A from x takes the path
+
+    abs(x − A) + abs(P) − abs(P − A).
+
+The lamp is an evenly bright disc across its axis; each of its points sends out the profile I(θ).
+
+With F and P the light of a sample by way of the finite and of the points, at the times τ_F and τ_P, a slice gets R(τ_P) (F − P)
+from their difference, and F (R(τ_F) − R(τ_P)) more. So the error of the stack is below that of F − P, the whole of it at an open
+gate, and that of F·clip(s (τ_F − τ_P), −1, 1), s the steepest slope of R: an edge between two surfaces as bright as each
+other changes nothing at an open gate, and all at a gate that shows one of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...optics.constants import C_M_PER_S
+from ...scenes.rigs.declare import group_index
+from ...scenes.scene import Scene, gated_rig
+from ..gated.direct import MIXED_FRACTION, response_width_s
+from ..rays.backend import mitsuba
+from ..rays.trace import pixel_directions
+from .loop import Lanes, Moments, Window
+from .world import PathWorld
+
+__all__ = ["Change", "FiniteLight", "FiniteSums", "finite_truth", "trace_finite"]
+
+Float = NDArray[np.float64]
+
+#: Steps of a lattice in six dimensions, as fractions of 2³² (as of the path tracer's).
+_STEPS = tuple(round((1.1127756842787055**-k % 1.0) * 2**32) for k in range(1, 7))
+
+
+@dataclass(frozen=True)
+class Change:
+    """Sums over the samples of lanes, times outside the window included. `sums` (4, lanes): F − P, its square, what times change,
+    its square; `first_m`, `last_m` (lanes): shortest and longest path of light by way of the finite (±inf where none came)."""
+
+    sums: NDArray[np.float32]
+    first_m: NDArray[np.float32]
+    last_m: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class FiniteLight:
+    """Of pixels (rows, cols): `amplitude`, photoelectrons that finite lens and lamp add at an open gate; `sigma`, standard error of
+    that and of every slice; `first_m`, `last_m`, shortest and longest path of the light (NaN where none came)."""
+
+    amplitude: Float
+    sigma: Float
+    first_m: Float
+    last_m: Float
+
+
+class FiniteSums:
+    """Sums of `Change` over lanes and rounds, per pixel."""
+
+    def __init__(self, pixels: int) -> None:
+        self.sums = np.zeros((4, pixels))
+        self.first_m, self.last_m = np.full(pixels, np.inf), np.full(pixels, -np.inf)
+
+    def add(self, change: Change, pixels: slice) -> None:
+        """Add lanes (lane, pixel) of some pixels."""
+        count = pixels.stop - pixels.start
+        self.sums[:, pixels] += change.sums.reshape(4, -1, count).sum(axis=1, dtype=np.float64)
+        first, last = (path.reshape(-1, count).astype(np.float64) for path in (change.first_m, change.last_m))
+        self.first_m[pixels] = np.minimum(self.first_m[pixels], first.min(axis=0))
+        self.last_m[pixels] = np.maximum(self.last_m[pixels], last.max(axis=0))
+
+    def result(self, samples: int, electrons: float, shape: tuple[int, int]) -> FiniteLight:
+        """`samples` per pixel, of `electrons` each per unit of light."""
+        light, square, moved, moved_square = self.sums / samples
+        # Both come from the same samples: their standard errors add.
+        sigma = np.sqrt(np.maximum(square - light**2, 0.0)) + np.sqrt(np.maximum(moved_square - moved**2, 0.0))
+        first, last = (np.where(np.isfinite(path), path, np.nan) for path in (self.first_m, self.last_m))
+        maps = (electrons * light, electrons / np.sqrt(samples) * sigma, first, last)
+        return FiniteLight(*(np.asarray(value).reshape(shape) for value in maps))
+
+
+def finite_truth(scene: Scene, truth: dict[str, Any], found: FiniteLight) -> dict[str, Any]:
+    """Truth that a finite lens and lamp change: `truth` of the direct rung, with what was found by tracing.
+
+    truth_amplitude is all light that meets one surface on its way, at an open gate; truth_first and truth_last are half of the
+    shortest and the longest path less what the lamp's place adds at the pixel's centre, those of the direct rung included (points
+    are part of lens and lamp); truth_mixed follows from them.
+    """
+    rig = gated_rig(scene)
+    half = 0.5 * C_M_PER_S / group_index(scene.medium, rig.laser.wavelength_m)
+    distance = np.asarray(truth["truth_range"], np.float64)
+    row, col = np.mgrid[: distance.shape[0], : distance.shape[1]]
+    point = pixel_directions(rig.camera, row, col) * distance
+    lamp = np.asarray(rig.laser.position_m, np.float64)[:, None, None]
+    beside = np.nan_to_num(0.5 * (np.sqrt(np.sum((point - lamp) ** 2, axis=0)) - distance))
+    first = np.fmin(truth["truth_first"], 0.5 * found.first_m - beside)
+    last = np.fmax(truth["truth_last"], 0.5 * found.last_m - beside)
+    return {
+        # Where hardly any light is left, the difference leaves its noise.
+        "truth_amplitude": np.maximum(truth["truth_amplitude"] + found.amplitude, 0.0),
+        "truth_first": first,
+        "truth_last": last,
+        "truth_mixed": np.nan_to_num(last - first) > MIXED_FRACTION * response_width_s(scene)[1] * half,
+    }
+
+
+def trace_finite(
+    world: PathWorld, lanes: Lanes, samples: int, window: Window, steepest: float
+) -> tuple[Moments, Moments, Change]:
+    """Moments of the light by way of the finite lens and lamp, and by way of points: `samples` of each in every lane; and what
+    the pixels' truth and errors follow from. `steepest`: largest slope of R over its peak, per bin."""
+    import drjit as dr
+
+    mi = mitsuba()
+    count = len(lanes.row)
+    sums = [[dr.zeros(mi.Float, count * window.bins) for _ in range(3)] for _ in range(2)]
+    words = [
+        mi.sample_tea_64(mi.UInt32(mi.UInt64(w) & 0xFFFFFFFF) ^ 0x9E3779B9, mi.UInt32(mi.UInt64(w) >> 32))
+        for w in (lanes.state, lanes.stream)
+    ]
+    shift = [mi.UInt32(w & 0xFFFFFFFF) for w in words] + [mi.UInt32(w >> 32) for w in words]
+    shift += [shift[0] ^ (shift[3] * 747796405), shift[1] ^ (shift[2] * 747796405)]
+    row, col = mi.Float(lanes.row), mi.Float(lanes.col)
+    base = dr.arange(mi.UInt32, count) * window.bins
+    start, per_metre = dr.opaque(mi.Float, window.start_m), dr.opaque(mi.Float, 1.0 / window.width_m)
+    last, wanted = dr.opaque(mi.UInt32, window.bins), dr.opaque(mi.UInt32, samples)
+    scale = dr.opaque(mi.Float, world.pitch_over_focal)
+    half_rows, half_cols = (dr.opaque(mi.Float, n / 2) for n in (world.rows, world.cols))
+    lens = dr.opaque(mi.Float, world.aperture_radius)
+    lamp_radius = dr.opaque(mi.Float, world.source_radius)
+    across = mi.Frame3f(world.lamp.axis)
+    slope = dr.opaque(mi.Float, steepest)
+
+    def light(target: list[Any], o: Any, d: Any, more: Any, weight: Any, lamp: Any) -> tuple[Any, Any]:
+        si = world.geometry.ray_intersect(mi.Ray3f(mi.Point3f(o), d))
+        hit = si.is_valid()
+        way = lamp - si.p
+        away = dr.norm(way)
+        way /= dr.maximum(away, 1e-12)
+        value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(way), hit)[0] * weight * world.lamp.intensity(-way)
+        value *= dr.exp(-world.attenuation * (si.t + away)) / dr.maximum(dr.square(away), 1e-12)
+        path = si.t + more + away
+        where = (path - start) * per_metre
+        lit = hit & (value > 0.0)
+        lit &= ~world.geometry.ray_test(si.spawn_ray_to(lamp), lit)
+        seen = lit & (where >= 0.0)
+        index = mi.UInt32(dr.select(seen, where, 0.0))
+        seen &= index < last
+        offset = where - mi.Float(index) - 0.5
+        for power, sums_of in enumerate(target):
+            part = value * offset**power if power else value
+            dr.scatter_reduce(dr.ReduceOp.Add, sums_of, part, base + index, seen, dr.ReduceMode.NoConflicts)
+        return dr.select(lit, value, 0.0), path
+
+    def body(
+        i: Any, change: Any, square: Any, moved: Any, moved_square: Any, first: Any, final: Any
+    ) -> tuple[Any, ...]:
+        u = [mi.Float((shift[j] + i * mi.UInt32(_STEPS[j])) >> 8) * (1.0 / 16777216.0) for j in range(6)]
+        view = dr.normalize(mi.Vector3f((col + u[0] - half_cols) * scale, (row + u[1] - half_rows) * scale, 1.0))
+        weight = dr.square(dr.square(view.z)) if world.vignetting else mi.Float(1.0)
+        by_point, when = light(sums[1], mi.Point3f(0.0), view, mi.Float(0.0), weight, world.lamp.position)
+        o, d, more = mi.Point3f(0.0), view, mi.Float(0.0)
+        if world.focus_distance is not None:
+            a = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u[2], u[3])) * lens
+            o = mi.Point3f(a.x, a.y, 0.0)
+            focus = mi.Point3f(view / view.z * dr.opaque(mi.Float, world.focus_distance))
+            d = focus - o
+            more = dr.norm(mi.Vector3f(focus)) - dr.norm(d)
+            d = dr.normalize(d)
+        s = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u[4], u[5])) * lamp_radius
+        lamp = world.lamp.position + across.to_world(mi.Vector3f(s.x, s.y, 0.0))
+        by_disc, path = light(sums[0], o, d, more, weight, lamp)
+        apart = by_disc - by_point
+        late = dr.clip(slope * per_metre * (path - when), -1.0, 1.0)
+        turned = dr.select((by_disc > 0.0) & (by_point > 0.0), by_disc * late, 0.0)
+        first = dr.select(by_disc > 0.0, dr.minimum(first, path), first)
+        final = dr.select(by_disc > 0.0, dr.maximum(final, path), final)
+        told = change + apart, square + dr.square(apart), moved + turned, moved_square + dr.square(turned)
+        return (i + 1, *told, first, final)
+
+    state = (dr.zeros(mi.UInt32, count), *(dr.zeros(mi.Float, count) for _ in range(4)))
+    state = (*state, dr.full(mi.Float, dr.inf, count), dr.full(mi.Float, -dr.inf, count))
+    told = dr.while_loop(state, lambda i, *_: i < wanted, body, mode="symbolic")[1:]
+    dr.eval(*sums[0], *sums[1], *told)
+    nothing = np.zeros(count, dtype=np.float32)
+    found = [np.stack([np.asarray(b.numpy()).reshape(count, window.bins) for b in side]) for side in sums]
+    arrays = [np.asarray(value.numpy()) for value in told]
+    change = Change(np.stack(arrays[:4]), arrays[4], arrays[5])
+    return Moments(found[0], nothing, nothing), Moments(found[1], nothing, nothing), change

@@ -1,0 +1,1 @@
+"""Pictures of a scene for people, by a second renderer."""

@@ -1,0 +1,1 @@
+"""Scattered light by closed forms: halo, delay and backscatter of a medium."""

@@ -1,0 +1,1 @@
+"""Reflection laws: the share of light that a surface sends from one direction into another."""

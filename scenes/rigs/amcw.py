@@ -1,0 +1,106 @@
+"""The amplitude-modulated rig (Kusters 1992, Figure 2.3): a modulated laser, one detector, samples of the correlation
+with the reference at several phases and frequencies. No physical value has a default.
+
+Laser and receiver are coaxial, at the camera frame's origin, and look along z; a scan turns both.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from ..ambient import AmbientSpectrum, ambient_rate, without_computed
+from ..base import Fraction, Spec
+from ..quantities import (
+    Counts,
+    Distance,
+    Electrons,
+    Frequency,
+    Gain,
+    LongTime,
+    MomentTime,
+    Power,
+    Rate,
+    SmallLength,
+    Well,
+)
+from .gated import Illumination
+from .waveform import Receiver, collected_m2_sr
+
+__all__ = ["AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation"]
+
+
+class ModulatedLaser(Spec):
+    """A laser of mean `power_w` whose power goes as 1 + m cos(2πft), m = `modulation_depth`; no harmonics.
+
+    `power_fluctuation`: relative rms of the mean power, drawn per shot.
+    """
+
+    wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
+    power_w: Power
+    modulation_depth: Annotated[float, Field(gt=0, le=1)]
+    illumination: Illumination
+    power_fluctuation: Fraction
+
+
+class AmcwDetector(Spec):
+    """A demodulating detector: its transmission goes as ½(1 + d cos(2πft − φ)), d = `demodulation_contrast`; then
+    Gaussian `read_noise_e` per sample, gain, offset, rounding, clipped at `full_well_e` and 2^bits − 1."""
+
+    active_diameter_m: SmallLength
+    quantum_efficiency: Fraction
+    demodulation_contrast: Annotated[float, Field(gt=0, le=1)]
+    dark_e_per_s: Rate
+    read_noise_e: Electrons
+    gain_dn_per_e: Gain
+    offset_dn: Counts
+    full_well_e: Well
+    adc_bits: Annotated[int, Field(ge=1, le=16)]
+
+
+class Modulation(Spec):
+    """Modulation frequencies, each sampled at `phase_steps` reference phases 2πk/steps for `integration_s` a sample."""
+
+    frequencies_hz: Annotated[tuple[Frequency, ...], Field(min_length=1, max_length=64)]
+    phase_steps: Annotated[int, Field(ge=3, le=64)]
+    integration_s: LongTime
+
+    @model_validator(mode="after")
+    def _frequencies_differ(self) -> Modulation:
+        if len(set(self.frequencies_hz)) != len(self.frequencies_hz):
+            raise ValueError("modulation frequencies must differ")
+        return self
+
+
+class AmcwRig(Spec):
+    """An amplitude-modulated ranger. `range_window_m`: where targets may be, as the user of the instrument knows it;
+    ambiguities are resolved within it. `scan_half_angle_rad`: shots at even angles from −a to +a in the x-z plane."""
+
+    kind: Literal["amcw"] = "amcw"
+    laser: ModulatedLaser
+    receiver: Receiver
+    detector: AmcwDetector
+    modulation: Modulation
+    shots: Annotated[int, Field(ge=1, le=65536)]
+    scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
+    range_window_m: tuple[Annotated[float, Field(ge=0, le=1e9)], Distance]
+    ambient_e_per_s: Rate = 0.0
+    ambient: AmbientSpectrum | None = None
+    t0_s: MomentTime
+
+    @model_validator(mode="after")
+    def _window_opens(self) -> AmcwRig:
+        if self.range_window_m[1] <= self.range_window_m[0]:
+            raise ValueError("range_window_m needs its end beyond its start")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_computed(handler(self))
+
+    @model_validator(mode="after")
+    def _ambient_is_told_once(self) -> AmcwRig:
+        collected = collected_m2_sr(self.receiver, self.detector.active_diameter_m)
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.detector.quantum_efficiency)
+        return self

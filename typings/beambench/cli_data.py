@@ -1,1 +1,0 @@
-../../api/cli_data.py

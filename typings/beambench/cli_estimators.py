@@ -1,1 +1,0 @@
-../../api/cli_estimators.py

@@ -1,1 +1,0 @@
-../../api/estimator_laws.py

@@ -1,1 +1,0 @@
-../../api/generate_items.py

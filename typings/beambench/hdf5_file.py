@@ -1,1 +1,0 @@
-../../api/hdf5_file.py

@@ -1,1 +1,0 @@
-../../api/law_trial.py

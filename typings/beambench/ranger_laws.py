@@ -1,1 +1,0 @@
-../../api/ranger_laws.py

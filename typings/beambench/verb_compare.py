@@ -1,1 +1,0 @@
-../../api/verb_compare.py
