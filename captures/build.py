@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..scenes.errors import InputError
-from .layouts.schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable, modality_schema
+from .layouts import layout_of
+from .layouts.schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +28,7 @@ def make_capture(
     """One capture as an `xarray.Dataset` that passes `validate`.
 
     Main arguments:
-        modality: "gated", "waveform", "amcw", "laser_line" or "wavefront".
+        modality: a name in `captures.layouts.LAYOUTS`.
         data: arrays by name, e.g. `counts` (slice, row, col) in DN; optional `dark`, `flat`.
         coords: coordinates by name, e.g. `delay` (slice) in s; a scalar is repeated along the dimension.
         truth: arrays by name, each starting with `truth_`. With `truth_kind` "rendered" all that the schema requires
@@ -43,7 +44,7 @@ def make_capture(
 
     from .validate import validate
 
-    schema = modality_schema(modality)
+    schema = layout_of(modality).by_name
     groups = {"data": data, "coord": coords, "truth": truth}
     for role, group in groups.items():
         allowed = [name for name, variable in schema.items() if variable.role == role]

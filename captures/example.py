@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .build import make_capture
-from .layouts.schema import FIXED_SIZES, Variable, modality_schema
+from .layouts import layout_of
+from .layouts.schema import FIXED_SIZES, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,7 +42,7 @@ def example_capture(
     Raises InputError for an unknown modality.
     """
     rng = np.random.default_rng(seed)
-    schema = modality_schema(modality)
+    schema = layout_of(modality).by_name
     lengths = _SIZES | FIXED_SIZES | dict(sizes or {})
     groups: dict[str, dict[str, Any]] = {"data": {}, "coord": {}, "truth": {}}
     for variable in schema.values():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .layouts.schema import modality_schema
+from .layouts import layout_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,7 +26,7 @@ def hide_truth(capture: xr.Dataset) -> xr.Dataset:
     """
     import xarray as xr
 
-    schema = modality_schema(capture.attrs.get("modality"))
+    schema = layout_of(capture.attrs.get("modality")).by_name
     data: dict[str, xr.Variable] = {}
     coords: dict[str, xr.Variable] = {}
     for name, variable in schema.items():

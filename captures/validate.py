@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..scenes.errors import InputError
-from .layouts.schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable, modality_schema
+from .layouts import layout_of
+from .layouts.layout import Layout
+from .layouts.schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,7 +31,8 @@ def validate(capture: xr.Dataset, level: Literal["layout", "values"] = "values",
     if level not in ("layout", "values"):
         raise InputError("unknown level of validation", where="level", value=level, allowed="layout, values")
     check_schema_version(capture.attrs.get("schema_version"), where)
-    schema = modality_schema(capture.attrs.get("modality"))
+    layout = layout_of(capture.attrs.get("modality"))
+    schema = layout.by_name
     rig = _check_attributes(capture, where)
     variables = {str(name): array for name, array in capture.variables.items()}
     for name in variables:
@@ -60,7 +63,8 @@ def validate(capture: xr.Dataset, level: Literal["layout", "values"] = "values",
             allowed="uint16, or float32 averaged",
         )  # fmt: skip
     if level == "values":
-        _check_values(capture, rig, where)
+        _check_values(capture, layout, where)
+        layout.check(capture, rig, where)
 
 
 def check_schema_version(version: object, where: str) -> None:
@@ -127,29 +131,22 @@ def _check_variable(variable: Variable, array: xr.Variable, is_coord: bool, wher
         raise InputError(f"{variable.name} must be {kind}", where=place, allowed=kind)
 
 
-def _check_values(capture: xr.Dataset, rig: dict[str, Any], where: str) -> None:
-    modality = capture.attrs["modality"]
-    finite = {"waveform": ("time",), "amcw": ("frequency", "phase")}.get(modality, ("delay",))
-    for name in finite:
+def _check_values(capture: xr.Dataset, layout: Layout, where: str) -> None:
+    for name in layout.finite:
         if name in capture.coords and not np.isfinite(capture[name].values).all():
             raise InputError(f"{name} must be finite", where=f"{where}: {name}", value=_first_bad(capture[name].values))
     for name in ("gate", "pulses"):
         if name in capture.coords and (values := capture[name].values).min() < 0:
             raise InputError(f"{name} is negative", where=f"{where}: {name}", value=int(values.min()), allowed="≥ 0")
-    gates = rig.get("gates")
-    if modality == "gated" and isinstance(gates, list) and int(capture["gate"].values.max()) >= len(gates):
-        raise InputError(
-            "a slice uses a gate that the rig does not have",
-            where=f"{where}: gate", value=int(capture["gate"].values.max()), allowed=f"0 … {len(gates) - 1}",
-        )  # fmt: skip
-    if "truth_range" in capture:
-        truth = capture["truth_range"].values
-        bad = truth[np.isinf(truth) | (truth <= 0)]
-        if bad.size:
-            raise InputError(
-                "truth_range must be positive, or NaN where there is no surface",
-                where=f"{where}: truth_range", value=float(bad[0]), allowed="> 0 or NaN",
-            )  # fmt: skip
+    for name in (f"truth_{quantity.name}" for quantity in layout.quantities if quantity.positive):
+        if name in capture:
+            truth = capture[name].values
+            bad = truth[np.isinf(truth) | (truth <= 0)]
+            if bad.size:
+                raise InputError(
+                    f"{name} must be positive, or NaN where there is no surface",
+                    where=f"{where}: {name}", value=float(bad[0]), allowed="> 0 or NaN",
+                )  # fmt: skip
 
 
 def _first_bad(values: np.ndarray[Any, Any]) -> str:

@@ -14,7 +14,7 @@ import beambench
 from beambench.benchmarks.bounds.dispatch import bound_of
 from beambench.captures import write
 from beambench.captures.build import make_capture
-from beambench.captures.layouts.schema import modality_schema
+from beambench.captures.layouts import layout_of
 from beambench.generator.generate import generate
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
@@ -35,7 +35,7 @@ def rendered(name: str) -> xr.Dataset:
 
 def recorded(capture: xr.Dataset, kind: str) -> xr.Dataset:
     """What a laboratory has of the same: data, the declared rig, and a survey of the ranges."""
-    schema = modality_schema(str(capture.attrs["modality"]))
+    schema = layout_of(str(capture.attrs["modality"])).by_name
     data = {n: capture[n].values for n, v in schema.items() if v.role == "data" and n in capture}
     coords = {n: capture[n].values for n, v in schema.items() if v.role == "coord" and n in capture}
     return make_capture(

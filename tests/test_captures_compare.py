@@ -13,12 +13,12 @@ import pytest
 
 from beambench.captures import compare_captures, compare_stores, write
 from beambench.captures.example import example_capture
-from beambench.captures.layouts.schema import MODALITIES
+from beambench.captures.layouts import LAYOUTS
 from beambench.captures.provenance import cpu, provenance
 from beambench.scenes.errors import InputError
 
 
-@pytest.mark.parametrize("modality", list(MODALITIES))
+@pytest.mark.parametrize("modality", list(LAYOUTS))
 def test_equal_arguments_give_equal_bits(modality: str) -> None:
     comparison = compare_captures(example_capture(modality, seed=3), example_capture(modality, seed=3))
     assert comparison.equal and comparison.differing == 0 and "equal bits" in str(comparison)

@@ -13,7 +13,7 @@ import xarray as xr
 from beambench.captures import hide_truth, open_captures, write
 from beambench.captures.example import example_capture
 from beambench.captures.hide import VISIBLE_ATTRIBUTES, sealed
-from beambench.captures.layouts.schema import MODALITIES
+from beambench.captures.layouts import LAYOUTS
 
 MAGIC = 1234.5678901
 SECRETS = ["hush-scene", "hush-provenance", "hush-fidelity", "91827364554637281"]
@@ -56,7 +56,7 @@ def reachable(thing: object, seen: dict[int, object]) -> None:
         reachable(getattr(thing, name, None), seen)
 
 
-@pytest.mark.parametrize("modality", list(MODALITIES))
+@pytest.mark.parametrize("modality", list(LAYOUTS))
 @pytest.mark.parametrize("stored", [False, True])
 def test_nothing_leads_to_the_truth(modality: str, stored: bool, tmp_path: Path) -> None:
     capture = secretive(modality)
@@ -105,7 +105,7 @@ def test_encodings_of_xarray_s_own_reader_are_cleared(tmp_path: Path) -> None:
     assert not any(str(tmp_path) in str(thing) for thing in seen.values() if isinstance(thing, str | Path))
 
 
-@pytest.mark.parametrize("modality", list(MODALITIES))
+@pytest.mark.parametrize("modality", list(LAYOUTS))
 def test_the_data_stay_as_they_are(modality: str) -> None:
     capture = example_capture(modality)
     hidden = hide_truth(capture)

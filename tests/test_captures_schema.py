@@ -12,7 +12,8 @@ import xarray as xr
 
 from beambench.captures import make_capture
 from beambench.captures.example import example_capture
-from beambench.captures.layouts.schema import MODALITIES, SCHEMA_VERSION
+from beambench.captures.layouts import LAYOUTS, layout_of
+from beambench.captures.layouts.schema import SCHEMA_VERSION
 from beambench.captures.validate import validate
 from beambench.scenes.errors import InputError
 
@@ -26,10 +27,10 @@ def recorded(**attrs: object) -> xr.Dataset:
 
 
 def test_the_list_of_modalities_is_the_design_s() -> None:
-    assert list(MODALITIES) == ["gated", "waveform", "amcw", "laser_line", "wavefront"]
+    assert list(LAYOUTS) == ["gated", "waveform", "amcw", "laser_line", "wavefront"]
 
 
-@pytest.mark.parametrize("modality", list(MODALITIES))
+@pytest.mark.parametrize("modality", list(LAYOUTS))
 @pytest.mark.parametrize("channel", [False, True])
 @pytest.mark.parametrize("optional", [False, True])
 def test_every_variable_has_units_and_a_name(modality: str, channel: bool, optional: bool) -> None:
@@ -37,16 +38,16 @@ def test_every_variable_has_units_and_a_name(modality: str, channel: bool, optio
     assert capture.attrs["schema_version"] == SCHEMA_VERSION
     for name in capture.variables:
         assert capture[name].attrs["units"] and capture[name].attrs["long_name"]
-    expected = {v.name for v in MODALITIES[modality] if v.required or optional}
+    expected = {v.name for v in layout_of(modality).variables if v.required or optional}
     assert {str(name) for name in capture.variables} == expected
 
 
-@pytest.mark.parametrize("modality", list(MODALITIES))
+@pytest.mark.parametrize("modality", list(LAYOUTS))
 def test_names_of_the_schema_are_unique_and_truth_is_marked(modality: str) -> None:
-    names = [v.name for v in MODALITIES[modality]]
+    names = [v.name for v in layout_of(modality).variables]
     assert len(names) == len(set(names))
-    assert all(v.name.startswith("truth_") == (v.role == "truth") for v in MODALITIES[modality])
-    assert all(np.dtype(d).kind in "biufc" for v in MODALITIES[modality] for d in v.dtypes)
+    assert all(v.name.startswith("truth_") == (v.role == "truth") for v in layout_of(modality).variables)
+    assert all(np.dtype(d).kind in "biufc" for v in layout_of(modality).variables for d in v.dtypes)
 
 
 def test_a_recording_has_the_same_layout_with_nan() -> None:

@@ -16,7 +16,7 @@ import xarray as xr
 
 from beambench.captures import CaptureWriter, compare_captures, open_captures, verify, write
 from beambench.captures.example import example_capture
-from beambench.captures.layouts.schema import MODALITIES
+from beambench.captures.layouts import LAYOUTS
 from beambench.captures.store.arrays import CHUNK_BYTES, chunk_keys, chunk_shape
 from beambench.captures.store.status import status
 from beambench.scenes.errors import InputError
@@ -33,7 +33,7 @@ def identical(a: xr.Dataset, b: xr.Dataset) -> None:
         assert x.values.tobytes() == y.values.tobytes(), name
 
 
-@pytest.mark.parametrize("modality", list(MODALITIES))
+@pytest.mark.parametrize("modality", list(LAYOUTS))
 @pytest.mark.parametrize("channel", [False, True])
 def test_round_trip_is_bit_exact(modality: str, channel: bool, tmp_path: Path) -> None:
     captures = [example_capture(modality, seed=seed, channel=channel) for seed in range(3)]

@@ -1,1 +1,51 @@
-"""Layouts: for each modality the variables of a capture, with dimensions, types and units."""
+"""Layouts: for each modality the variables of a capture, with dimensions, types and units, and what is estimated."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..quantities import Stage
+    from .layout import Layout
+
+__all__ = ["LAYOUTS", "layout_of", "stage_of", "stages"]
+
+#: modality -> "module:object"
+LAYOUTS: dict[str, str] = {
+    "gated": "beambench.captures.layouts.gated:LAYOUT",
+    "waveform": "beambench.captures.layouts.waveform:LAYOUT",
+    "amcw": "beambench.captures.layouts.amcw:LAYOUT",
+    "laser_line": "beambench.captures.layouts.laser_line:LAYOUT",
+    "wavefront": "beambench.captures.layouts.wavefront:LAYOUT",
+}
+
+
+@lru_cache(maxsize=64)
+def layout_of(modality: object) -> Layout:
+    """The layout of a modality. Raises InputError for an unknown one."""
+    from ...scenes.errors import InputError
+
+    if not isinstance(modality, str) or modality not in LAYOUTS:
+        raise InputError(
+            "There is no such modality.", where="attribute modality", value=modality, allowed=", ".join(LAYOUTS)
+        )
+    module, _, name = LAYOUTS[modality].partition(":")
+    layout: Layout = getattr(import_module(module), name)
+    return layout
+
+
+@lru_cache(maxsize=1)
+def stages() -> dict[str, Stage]:
+    """All stages by the word under `@estimator`."""
+    return {stage.word: stage for modality in LAYOUTS for stage in layout_of(modality).stages}
+
+
+def stage_of(word: object) -> Stage:
+    """The stage of a word under `@estimator`. Raises InputError for an unknown one."""
+    from ...scenes.errors import InputError
+
+    if not isinstance(word, str) or word not in stages():
+        raise InputError("There is no such stage.", where="stage", value=word, allowed=", ".join(stages()))
+    return stages()[word]

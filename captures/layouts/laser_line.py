@@ -1,0 +1,38 @@
+"""The capture of a laser-line camera: frames in which a sheet of light crosses every row."""
+
+from __future__ import annotations
+
+from ..quantities import CAPTURE, Quantity, Stage
+from .layout import Layout
+from .variables import BOOL, COUNTS, REAL, camera_extras, coord, data, per_frame, truth
+
+__all__ = ["LAYOUT"]
+
+_LASER_LINE = (
+    data("counts", "frame row col", COUNTS, "DN", "digital counts of the frames", channel=True),
+    *per_frame("frame"),
+    coord("laser_on", "frame", BOOL, "1", "whether the laser shone"),
+    coord("pose", "frame pose_element", REAL, "m, rad", "pose of the rig: x, y, z in m, rotation vector in rad"),
+    truth("truth_column", "frame row return", REAL, "px", "column of the line's centre"),
+    truth("truth_point", "frame row return xyz", REAL, "m", "illuminated point in the camera frame"),
+    *camera_extras("frame row col"),
+)
+
+_COLUMN = Quantity("column", "px", ("frame", "row", "return"), "column of the line's centre")
+_POINT = Quantity(
+    "point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the camera frame", (1e3, "mm"),
+    components=("xyz",),
+)  # fmt: skip
+
+LAYOUT = Layout(
+    name="laser_line",
+    variables=_LASER_LINE,
+    data="counts",
+    element=("frame", "row"),
+    noun="row",
+    stages=(
+        Stage("line", "line", "laser_line", (CAPTURE,), (_COLUMN,)),
+        Stage("triangulation", "triangulation", "laser_line", ("column", "rig"), (_POINT,)),
+    ),
+    finite=("time",),
+)

@@ -1,0 +1,54 @@
+"""The layout of a modality: what its captures hold, and what is estimated from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from ..quantities import Quantity, Stage
+from .schema import Variable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Layout"]
+
+
+def _nothing(capture: xr.Dataset, rig: dict[str, Any], where: str) -> None:
+    """No more than what holds for every modality is checked."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The record of a modality on the floor of captures.
+
+    Main arguments:
+        name: the modality. variables: of a capture.
+        data: name of the measured variable.
+        element: dimensions of what is counted in tables; noun: what people call one of them.
+        stages: of its estimators; the first one reads captures.
+    Other arguments:
+        finite: coordinates that must be finite.
+        check: (capture, declared rig, place for messages); raises InputError for values that contradict each other.
+    """
+
+    name: str
+    variables: tuple[Variable, ...]
+    data: str
+    element: tuple[str, ...]
+    noun: str
+    stages: tuple[Stage, ...]
+    finite: tuple[str, ...] = ()
+    check: Callable[[xr.Dataset, dict[str, Any], str], None] = _nothing
+
+    @cached_property
+    def by_name(self) -> dict[str, Variable]:
+        """The variables by their names."""
+        return {variable.name: variable for variable in self.variables}
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All that is estimated, stage by stage."""
+        return tuple(quantity for stage in self.stages for quantity in stage.gives)

@@ -1,0 +1,42 @@
+"""The capture of a Shack-Hartmann sensor: frames of spots, with the spot field of a flat wavefront."""
+
+from __future__ import annotations
+
+from ..quantities import CAPTURE, Quantity, Stage
+from .layout import Layout
+from .variables import COUNTS, REAL, camera_extras, coord, data, per_frame, truth
+
+__all__ = ["LAYOUT"]
+
+_WAVEFRONT = (
+    data("counts", "frame row col", COUNTS, "DN", "digital counts of the frames", channel=True),
+    data("reference", "row col", ("float32", "uint16", "float64"), "DN", "spot field of a flat wavefront"),
+    coord("delay", "frame", REAL, "s", "gate's opening half-height edge minus the pulse centroid, at the camera"),
+    *per_frame("frame"),
+    truth("truth_field", "frame pupil_row pupil_col", ("complex64", "complex128"), "1", "complex field in the pupil"),
+    truth("truth_slope", "frame lenslet axis", REAL, "rad", "intensity-weighted slope: Im ∫u*∇u / (k ∫|u|²)"),
+    truth("truth_phase", "frame pupil_row pupil_col", REAL, "rad", "least-squares phase; NaN at branch points"),
+    truth("truth_zernike", "frame mode", REAL, "rad", "Zernike coefficients, Noll index from 2, unit rms"),
+    *camera_extras("frame row col"),
+)
+
+_SPOT = Quantity("spot", "px", ("frame", "lenslet", "axis"), "position of the spot", components=("axis",))
+_SLOPE = Quantity(
+    "slope", "rad", ("frame", "lenslet", "axis"), "slope of the wavefront", (1e6, "µrad"), components=("axis",)
+)
+_ZERNIKE = Quantity("zernike", "rad", ("frame", "mode"), "Zernike coefficient, Noll index from 2, unit rms")
+_PHASE = Quantity("phase", "rad", ("frame", "pupil_row", "pupil_col"), "phase of the wavefront")
+
+LAYOUT = Layout(
+    name="wavefront",
+    variables=_WAVEFRONT,
+    data="counts",
+    element=("frame",),
+    noun="frame",
+    stages=(
+        Stage("centroid", "centroid", "wavefront", (CAPTURE,), (_SPOT,)),
+        Stage("assignment", "assignment", "wavefront", ("spot", "rig"), (_SLOPE,)),
+        Stage("reconstruction", "reconstruction", "wavefront", ("slope", "rig"), (_ZERNIKE, _PHASE)),
+    ),
+    finite=("delay",),
+)
