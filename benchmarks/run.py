@@ -18,16 +18,17 @@ from .folders.kinds import RUN
 from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
-from .report.picture_files import write_picture
+from .report.picture_files import Place, write_picture
+from .runner.costs import cost_row, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
 from .runner.spool import Entry, Spool
-from .scores.costs import cost_row, write_costs
 from .scores.error_tiles import TileKey, tile_sums, write_tiles
-from .scores.score import errors_of, score_rows
-from .scores.skips import not_applicable, skipped_rows, skips_of
+from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
+from .scores.truth import Bound, Truth, aligned, errors_of
+from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
 from .suites.suite import Cell, Loaded, cells_of, load_suite
 
@@ -199,12 +200,11 @@ class _Run:
 
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate (or, resuming, read) a capture, store it, and spool it for the children."""
-        from .bounds.dispatch import bound_of
-        from .scores.score import truth_of
+        from .judges.bound import bounds_of, truths_of
 
         capture = self._capture(cell)
-        bound = self._timed("bound", lambda: bound_of(capture))
-        return spool.add(index, cell, capture, self._conditions(cell, capture), truth_of(capture), bound)
+        bounds = self._timed("bound", lambda: bounds_of(capture))
+        return spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
 
     def _store(self, cell: Cell) -> Path:
         return self.folder / "captures" / f"{_file_name(cell)}.zarr"
@@ -272,7 +272,7 @@ class _Run:
                     self._keep(entry, condition, chosen, finished, self.journal.beside[key])
                     self.done += 1
                     continue
-                job = Job(entry.index, entry.folder, condition, entry.modality, entry.shape)
+                job = Job(entry.index, entry.folder, condition, entry.modality, entry.sizes)
                 kept = self.cache.get(job, chosen) if self.cache is not None else None
                 if kept is not None:
                     self._take(spool, entry, chosen, kept, fresh=False)
@@ -297,12 +297,11 @@ class _Run:
         key = {
             "suite": self.suite.suite, "scene": cell.scene_name, "stress": cell.stress, "level": cell.level,
             "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": job.condition,
-            "stage": "range", "estimator": chosen.name, "params": chosen.params,
+            "estimator": chosen.name, "params": chosen.params,
         }  # fmt: skip
         rows = score_rows(
-            key, truth, bound, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
+            key, outcome.stage, truth, bound, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
             wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.suite.failure_at,
-            modality=entry.modality,
         )  # fmt: skip
         rows = skipped_rows(rows)
         beside: dict[str, Any] = {}
@@ -310,8 +309,7 @@ class _Run:
             cost = cost_row(key, outcome, device_class=self._device, source="measured" if fresh else "cache")
             beside["cost"] = without_nan(cost)
             if cell.level != cell.level:
-                sums, counts = tile_sums(outcome.arrays or None if outcome.status == "ok" else None, truth, bound)
-                beside["tiles"] = [sums.tolist(), counts.tolist()]
+                beside["tiles"] = _tiles(outcome, truth, bound)
         self._keep(entry, job.condition, chosen, rows, beside)
         self.journal.add(self._journal_key(entry, job.condition, chosen), rows, **beside)
         if outcome.status.startswith("skip:"):
@@ -321,19 +319,18 @@ class _Run:
             self.failures.append({
                 "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
             })  # fmt: skip
-        elif truth.range.ndim == 2 and self._shown(cell, job.condition):
-            error = errors_of(outcome.arrays["range"], truth)
-            write_picture(
-                self.folder / "pictures",
-                cell.scene_name,
-                chosen.label,
-                job.condition,
-                outcome.arrays,
-                truth.range,
-                error,
-            )
+        elif outcome.stage.gives[0].is_image and self._shown(cell, job.condition):
+            self._draw(cell, chosen, outcome, truth)
         self.done += 1
         self.progress("estimate", self.done, self.total, chosen.label)
+
+    def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
+        """Keep the picture of an answer for the page."""
+        quantity = outcome.stage.gives[0]
+        truth = truths[quantity.name]
+        value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
+        place = Place(cell.scene_name, chosen.label, outcome.job.condition)
+        write_picture(self.folder / "pictures", place, quantity, value, valid, truth.value, errors_of(value, truth))
 
     def _keep(
         self, entry: Entry, condition: str, chosen: Chosen, rows: list[dict[str, Any]], beside: dict[str, Any]
@@ -358,6 +355,18 @@ class _Run:
         truth, bound = spool.truth(entry)
         spool.drop(entry)
         spool.add(entry.index, entry.cell, capture, self._conditions(entry.cell, capture), truth, bound)
+
+
+def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, Bound]) -> list[Any]:
+    """Sums and counts of the squared errors of an answer's first quantity, by tile."""
+    quantity = outcome.stage.gives[0]
+    truth, bound = truths[quantity.name], bounds[quantity.name]
+    answer = None
+    if outcome.status == "ok" and outcome.arrays:
+        value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
+        answer = value, valid
+    sums, counts = tile_sums(answer, truth, bound)
+    return [sums.tolist(), counts.tolist()]
 
 
 def _first_seed(loaded: Loaded, cell: Cell) -> int:

@@ -1,15 +1,16 @@
 """Estimates on disk: one HDF5 file per estimator, also as another program may write them.
 
-Attributes: `schema_version` = 1, `estimator` (label; default: the file's name), `modality`, and `captures_sha256`, the sha256
-of the manifest of the captures that were read (`beambench export` hands it on). Datasets with a leading capture axis:
-`range` and `sigma` (capture, row, col) float, m; `valid` (capture, row, col) bool or 0/1; optional `cpu_s`, `wall_s`,
-`peak_bytes` (capture) and `status` (capture) text.
+Attributes: `schema_version` = 1, `estimator` (label; default: the file's name), `modality`, `stage` (default: the first of the
+modality), and `captures_sha256`, the sha256 of the manifest of the captures that were read (`beambench export` hands it on).
+Datasets with a leading capture axis: the variables of the stage, such as `range` and `sigma` (capture, row, col) float, m, and
+`valid` (capture, row, col) bool or 0/1; optional `cpu_s`, `wall_s`, `peak_bytes` (capture) and `status` (capture) text.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scenes.errors import InputError
+from .layouts import layout_of, stage_of
+from .quantities import Stage
 
 __all__ = ["Estimates", "list_estimates", "read_estimates", "write_estimates"]
 
@@ -36,6 +39,12 @@ class Estimates:
     peak_bytes: list[float]
     status: list[str]
     captures_sha256: str = ""
+    stage: str = ""
+
+    @property
+    def gives(self) -> Stage:
+        """The estimator's stage; the first of the modality where none is named."""
+        return stage_of(self.stage) if self.stage else layout_of(self.modality).stages[0]
 
 
 def write_estimates(path: Path, estimates: Estimates) -> None:
@@ -44,28 +53,41 @@ def write_estimates(path: Path, estimates: Estimates) -> None:
 
     from .hdf5 import hdf5_output
 
-    given = [arrays for arrays in estimates.arrays if arrays is not None]
-    shape = given[0]["range"].shape if given else (0, 0)
+    stage = estimates.gives
     with hdf5_output(path) as output:
         file = output.h5
         file.attrs.update(schema_version=SCHEMA_VERSION, estimator=estimates.label, modality=estimates.modality)
+        file.attrs["stage"] = stage.word
         if estimates.captures_sha256:
             file.attrs["captures_sha256"] = estimates.captures_sha256
-        for name, kind in (("range", "f8"), ("sigma", "f8"), ("valid", "?")):
-            empty = np.full(shape, np.nan if kind == "f8" else False, dtype=kind)
-            stack = np.stack([empty if a is None else np.asarray(a[name], dtype=kind) for a in estimates.arrays])
-            dataset = file.create_dataset(
-                name,
-                data=stack,
-                chunks=(1, *shape) if stack.size else None,
-                compression="gzip" if stack.size else None,
-                fletcher32=bool(stack.size),
-            )
-            if kind == "f8":
-                dataset.attrs["units"] = "m"
+        for quantity in stage.gives:
+            names = stage.variables(quantity)
+            for name in names.all:
+                stack = _stacked(estimates.arrays, name, len(stage.dims()[name]), flag=name == names.valid)
+                dataset = file.create_dataset(
+                    name,
+                    data=stack,
+                    chunks=(1, *stack.shape[1:]) if stack.size else None,
+                    compression="gzip" if stack.size else None,
+                    fletcher32=bool(stack.size),
+                )
+                if name != names.valid:
+                    dataset.attrs["units"] = quantity.unit
         for name in ("cpu_s", "wall_s", "peak_bytes"):
             file.create_dataset(name, data=np.asarray(getattr(estimates, name), dtype="f8"))
         file.create_dataset("status", data=estimates.status, dtype=h5py.string_dtype())
+
+
+def _stacked(arrays: list[dict[str, NDArray[Any]] | None], name: str, ndim: int, *, flag: bool) -> NDArray[Any]:
+    """One variable of all captures; NaN (False) where an estimator gave nothing, or chose a shorter dimension."""
+    shapes = [np.shape(one[name]) for one in arrays if one is not None]
+    shape = tuple(max(lengths) for lengths in zip(*shapes, strict=True)) if shapes else (0,) * ndim
+    stack = np.full((len(arrays), *shape), False if flag else np.nan, dtype="?" if flag else "f8")
+    for index, one in enumerate(arrays):
+        if one is not None:
+            place: tuple[slice, ...] = tuple(slice(0, length) for length in np.shape(one[name]))
+            stack[index][place] = one[name]
+    return stack
 
 
 def list_estimates(source: Path) -> list[Path]:
@@ -86,9 +108,9 @@ def list_estimates(source: Path) -> list[Path]:
 
 
 def read_estimates(
-    path: Path, count: int, shape: tuple[int, ...], *, modality: str = "gated", captures_sha256: str = ""
+    path: Path, count: int, sizes: Mapping[str, int], *, modality: str, captures_sha256: str = ""
 ) -> Estimates:
-    """Read one file and check it against the captures: `count` of them, each of `shape` (row, col).
+    """Read one file and check it against the captures: `count` of them, each of `sizes` (dimension: length).
 
     Main arguments:
         modality: of the captures; the file's, where it states one, must be the same.
@@ -97,54 +119,91 @@ def read_estimates(
     Raises:
         InputError: not such a file, arrays of another shape or type, or estimates from other captures.
     Warns:
-        UserWarning: the file does not tell from which captures it was made.
+        UserWarning: the file does not state from which captures it was made.
     """
     import h5py
 
+    wanted = "the variables of a stage"
     try:
         with h5py.File(path, "r") as file:
             _check_version(file, path)
             label = _text(file.attrs.get("estimator", path.stem))
             _check_origin(file, path, modality, captures_sha256)
-            stacks = {name: _stack(file, name, path, (count, *shape)) for name in ("range", "sigma", "valid")}
+            stage = _stage(file, path, modality)
+            wanted = ", ".join(stage.dims())
+            stacks = _stacks(file, path, count, stage, sizes)
             numbers = {name: _numbers(file, name, path, count) for name in ("cpu_s", "wall_s", "peak_bytes")}
-            status = (
-                [_text(item) for item in np.ravel(_dataset(file, "status", path)[()])]
-                if "status" in file
-                else ["ok"] * count
-            )
-            if len(status) != count:
-                raise InputError(
-                    "The estimates do not fit the captures.",
-                    where=f"{path}: status",
-                    value=len(status),
-                    allowed=str(count),
-                )
+            status = _statuses(file, path, count)
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            "The estimates cannot be read.",
-            where=str(path),
-            value=str(error),
-            allowed="HDF5 with range, sigma and valid",
+            "The estimates cannot be read.", where=str(path), value=str(error), allowed=f"HDF5 with {wanted}"
         ) from error
     arrays: list[dict[str, NDArray[Any]] | None] = []
     for index in range(count):
-        one = {
-            "range": stacks["range"][index].astype(float),
-            "sigma": stacks["sigma"][index].astype(float),
-            "valid": stacks["valid"][index].astype(bool),
-        }
-        bad = one["valid"] & ~(np.isfinite(one["range"]) & np.isfinite(one["sigma"]) & (one["sigma"] > 0))
-        if status[index] == "ok" and bad.any():
-            status[index] = (
-                f"invalid: range or sigma is not finite and positive at {int(bad.sum())} elements marked valid"
-            )
+        one = {name: stack[index] for name, stack in stacks.items()}
+        if status[index] == "ok":
+            status[index] = _judged(one, stage)
         arrays.append(one if status[index] == "ok" else None)
     return Estimates(
-        label, modality, arrays, numbers["cpu_s"], numbers["wall_s"], numbers["peak_bytes"], status, captures_sha256
-    )
+        label, modality, arrays, numbers["cpu_s"], numbers["wall_s"], numbers["peak_bytes"], status, captures_sha256,
+        stage.word,
+    )  # fmt: skip
+
+
+def _stage(file: Any, path: Path, modality: str) -> Stage:
+    """The stage that a file states, which must be of the captures' modality; the modality's first where it states none."""
+    first = layout_of(modality).stages[0]
+    word = _text(file.attrs.get("stage", first.word))
+    words = [stage.word for stage in layout_of(modality).stages]
+    if word not in words:
+        raise InputError(
+            "The estimates are of a stage that these captures do not have.", where=f"{path}: stage", value=word,
+            allowed=", ".join(words),
+        )  # fmt: skip
+    return stage_of(word)
+
+
+def _stacks(file: Any, path: Path, count: int, stage: Stage, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
+    """All variables of a stage, checked: floats, and flags as bool."""
+    known = dict(sizes)
+    stacks: dict[str, NDArray[Any]] = {}
+    flags = {stage.variables(quantity).valid for quantity in stage.gives}
+    for name, dims in stage.dims().items():
+        if name in file:  # a dimension that the captures lack is as long as the estimator made it
+            lengths = _dataset(file, name, path).shape[1:]
+            known |= {dim: n for dim, n in zip(dims, lengths, strict=False) if dim not in known and n}
+        shape = (count, *(known.get(dim, 0) for dim in dims))
+        stack = _stack(file, name, path, shape, flag=name in flags, wanted=", ".join(stage.dims()))
+        stacks[name] = stack.astype(bool if name in flags else float)
+    return stacks
+
+
+def _statuses(file: Any, path: Path, count: int) -> list[str]:
+    if "status" not in file:
+        return ["ok"] * count
+    status = [_text(item) for item in np.ravel(_dataset(file, "status", path)[()])]
+    if len(status) != count:
+        raise InputError(
+            "The estimates do not fit the captures.", where=f"{path}: status", value=len(status), allowed=str(count)
+        )
+    return status
+
+
+def _judged(one: dict[str, NDArray[Any]], stage: Stage) -> str:
+    """Status of the answer to one capture: "ok", or what is wrong with its numbers."""
+    for quantity in stage.gives:
+        names = stage.variables(quantity)
+        value, sigma, valid = (one[name] for name in names.all)
+        valid = valid.reshape(valid.shape + (1,) * len(quantity.components))
+        bad = valid & ~(np.isfinite(value) & np.isfinite(sigma) & (sigma > 0))
+        if bad.any():
+            return (
+                f"invalid: {names.value} or {names.sigma} is not finite and positive at {int(bad.sum())} elements marked "
+                "valid"
+            )
+    return "ok"
 
 
 def _check_version(file: Any, path: Path) -> None:
@@ -173,7 +232,7 @@ def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) ->
         return
     if not source:
         warnings.warn(
-            f"{path.name} does not tell from which captures it was made (attribute captures_sha256, as `beambench export` "
+            f"{path.name} does not state from which captures it was made (attribute captures_sha256, as `beambench export` "
             "hands it on), so that nothing shows that it fits.",
             stacklevel=3,
         )
@@ -187,14 +246,14 @@ def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) ->
         )
 
 
-def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
+def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...], *, flag: bool, wanted: str) -> NDArray[Any]:
     if name not in file:
-        raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed="range, sigma and valid")
+        raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed=wanted)
     dataset = _dataset(file, name, path)
     if tuple(dataset.shape) != shape:
         # An estimator that failed on every capture leaves no image; its statuses tell why.
         if 0 in dataset.shape and dataset.shape[0] == shape[0]:
-            return np.full(shape, np.nan if name != "valid" else False)
+            return np.full(shape, False if flag else np.nan)
         raise InputError(
             "The estimates do not fit the captures.",
             where=f"{path}: {name}",
@@ -205,10 +264,10 @@ def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...]) -> NDArray[
     if values.dtype.kind not in "biuf":
         raise InputError(
             f"The estimates' `{name}` holds no numbers.", where=f"{path}: {name}", value=str(values.dtype),
-            allowed="floating point" if name != "valid" else "0 and 1",
+            allowed="0 and 1" if flag else "floating point",
         )  # fmt: skip
-    if name == "valid" and not np.isin(values, (0, 1)).all():
-        raise InputError("The estimates' `valid` is neither yes nor no.", where=f"{path}: valid", allowed="0 and 1")
+    if flag and not np.isin(values, (0, 1)).all():
+        raise InputError("The estimates' `valid` is neither yes nor no.", where=f"{path}: {name}", allowed="0 and 1")
     return values
 
 

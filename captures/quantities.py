@@ -46,6 +46,11 @@ class Quantity:
         return self.dims[: len(self.dims) - len(self.components)]
 
     @property
+    def is_image(self) -> bool:
+        """Whether an estimate is one picture of the scene: a value per row and column of a camera."""
+        return self.dims == ("row", "col")
+
+    @property
     def display(self) -> tuple[float, str]:
         """Factor and unit in which people read the quantity."""
         return (self.shown[0], self.shown[1] or self.unit)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, png, range_limits, read_pictures
+from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, png, read_pictures, value_limits
 from beambench.captures import open_captures
 
 GREY = ("#000000", "#ffffff")
@@ -25,7 +25,7 @@ def main(run: Path) -> None:
     (folder / "slice.png").write_bytes(png(brightest, 100.0, float(np.percentile(brightest, 99.8)), GREY))
     chosen = {p.estimator: p for p in read_pictures(run / "pictures") if p.scene == "relief-tank"}
     best, plain = chosen["poisson-ml"], chosen["weighted-average"]
-    low, high = range_limits(best.truth)
+    low, high = value_limits(best.truth, 0.01)
     (folder / "truth.png").write_bytes(png(best.truth, low, high, SEQUENTIAL))
     for name, picture in (("poisson-ml", best), ("weighted-average", plain)):
         (folder / f"{name}-error.png").write_bytes(png(picture.error, -0.01, 0.01, DIVERGING))

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from .labels import format_label, parse_label
 from .registry import ENTRY_POINT_GROUP, Estimator, estimator, get_estimator, list_estimators, run_estimator
+from .result import range_result, stage_result
+
+if TYPE_CHECKING:
+    from .gated.tools.stack import read_stack
 
 __all__ = [
     "BUILTIN", "ENTRY_POINT_GROUP", "Estimator", "estimator", "format_label", "get_estimator", "list_estimators",
-    "parse_label", "run_estimator",
+    "parse_label", "range_result", "read_stack", "run_estimator", "stage_result",
 ]  # fmt: skip
 
 #: name -> "module:function"
@@ -40,3 +46,12 @@ BUILTIN: dict[str, str] = {
     "waveform-ml": "beambench.estimators.waveform.ml:waveform_ml",
     "weighted-average": "beambench.estimators.gated.weighted_average:weighted_average",
 }
+
+
+def __getattr__(name: str) -> Any:
+    # Compiled kernels load only where a stack is read.
+    if name == "read_stack":
+        from .gated.tools.stack import read_stack
+
+        return read_stack
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

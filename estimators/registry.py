@@ -13,6 +13,8 @@ from typing import Any, TypeVar, cast
 
 import xarray as xr
 
+from ..captures.layouts import stage_of
+from ..captures.quantities import Stage
 from ..scenes.errors import InputError
 from .labels import check_parameters, format_label, parse_label
 from .result import check_result
@@ -20,27 +22,32 @@ from .result import check_result
 __all__ = ["ENTRY_POINT_GROUP", "Estimator", "estimator", "get_estimator", "list_estimators", "run_estimator"]
 
 ENTRY_POINT_GROUP = "beambench.estimators"
-MODALITIES = ("gated", "waveform", "amcw", "laser_line", "wavefront")
 _MARK = "__beambench_estimator__"
 _F = TypeVar("_F", bound=Callable[..., xr.Dataset])
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """A registered algorithm: `function(capture, **params) -> Dataset` with what it reads and where it comes from.
+    """A registered algorithm: `function(capture, **params) -> Dataset`, its stage, and the source that it cites.
 
-    needs: pairs of a path in the declared rig and the value that must stand there ("detector.readout.kind",
-    "single-photon"); an instrument without them is none for this estimator.
+    needs: pairs of a path in the declared rig and the value that it must have ("detector.readout.kind", "single-photon");
+    captures of other instruments are refused.
     """
 
     name: str
-    modality: str
+    stage: Stage
     cites: str
     function: Callable[..., xr.Dataset]
     needs: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def modality(self) -> str:
+        """The modality of the captures that the estimator, or the chain before it, reads."""
+        return self.stage.modality
+
     def unfit(self, capture: xr.Dataset) -> str:
-        """Why the declared instrument is none for this estimator, "" where it is. Told by the rig, never by the data."""
+        """Reason why this estimator cannot read captures of the declared rig, "" if it can; depends on the rig only, never
+        on the data."""
         if not self.needs:
             return ""
         rig = _declared(str(capture.attrs.get("rig", "")))
@@ -55,17 +62,22 @@ class Estimator:
     def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:
         """Run with checked parameters and a checked result. Raises InputError."""
         checked = check_parameters(self.function, params, where=self.name)
+        if not self.stage.reads_captures:
+            raise InputError(
+                f"Estimator {self.name} reads the results of another stage, no captures.", where=f"stage {self.stage.word}",
+                value=", ".join(self.stage.takes), allowed="an estimator whose stage reads captures",
+            )  # fmt: skip
         modality = str(capture.attrs.get("modality", ""))
         if modality != self.modality:
             raise InputError(
-                f"estimator {self.name} reads {self.modality} captures, this one is of another modality",
+                f"Estimator {self.name} reads {self.modality} captures, and this one is of another modality.",
                 where="attribute modality",
                 value=modality,
                 allowed=self.modality,
             )
         if reason := self.unfit(capture):
-            raise InputError(f"estimator {self.name} {reason}", where="attribute rig", allowed="another estimator")
-        return check_result(self.function(capture, **checked), capture, self.name)
+            raise InputError(f"Estimator {self.name} {reason}.", where="attribute rig", allowed="another estimator")
+        return check_result(self.function(capture, **checked), capture, self.name, self.stage)
 
 
 @lru_cache(maxsize=16)
@@ -76,25 +88,31 @@ def _declared(text: str) -> Any:
         return None
 
 
-def estimator(modality: str, *, cites: str, needs: Mapping[str, str] | None = None) -> Callable[[_F], _F]:
-    """Mark a function as an estimator of `modality`; `cites` names the source of the algorithm (author, year, number).
+def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None) -> Callable[[_F], _F]:
+    """Mark a function as an estimator.
 
-    Other arguments: needs: {path in the declared rig: value} without which the method has no meaning; captures of other
-    instruments are refused with that reason, which a suite shows as a skip.
+    Main arguments:
+        stage: what it reads and gives, a word of `captures.layouts.stages()`: "gated", "waveform", "line", "centroid", …
+        cites: source of the algorithm (author, year, number).
+    Other arguments:
+        needs: {path in the declared rig: value} without which the method has no meaning; captures of other instruments are
+            refused with that reason, which a suite shows as a skip.
 
-    Raises InputError for an unknown modality or an empty `cites`.
+    Raises InputError for an unknown stage or an empty `cites`.
     """
-    if modality not in MODALITIES:
-        raise InputError("unknown modality", where="@estimator", value=modality, allowed=", ".join(MODALITIES))
+    word = stage_of(stage).word
     if not cites.strip():
-        raise InputError("an estimator must name its source", where="@estimator(cites=...)", value=cites)
+        raise InputError("An estimator must name its source.", where="@estimator(cites=...)", value=cites)
     for path in needs or {}:
         # What an instrument is may be needed; what it is called would tell which scene it is.
         if path.split(".")[-1] == "name":
-            raise InputError("a need is not of the instrument", where="@estimator(needs=...)", value=path)
+            raise InputError(
+                "An estimator cannot need the name of a rig.", where="@estimator(needs=...)", value=path,
+                allowed="a property of the instrument",
+            )  # fmt: skip
 
     def mark(function: _F) -> _F:
-        setattr(function, _MARK, (modality, cites, tuple(sorted((needs or {}).items()))))
+        setattr(function, _MARK, (word, cites, tuple(sorted((needs or {}).items()))))
         return function
 
     return mark
@@ -115,7 +133,7 @@ def _plugins_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
         other = found[point.name].value if point.name in found else builtin.get(point.name)
         if other is not None and other != point.value:
             raise InputError(
-                f"two estimators are named {point.name}",
+                f"Two estimators are named {point.name}.",
                 where=f"entry-point group {ENTRY_POINT_GROUP}",
                 value=[other, point.value],
                 next_step="rename or uninstall one of the two packages",
@@ -138,13 +156,13 @@ def _describe(name: str, function: Any, where: str) -> Estimator:
     mark = getattr(function, _MARK, None)
     if not callable(function) or mark is None:
         raise InputError(
-            f"estimator {name} is not a marked function",
+            f"Estimator {name} is not a marked function.",
             where=where,
             value=function,
             allowed='a function under @estimator("gated", cites="...")',
         )
-    modality, cites, needs = cast("tuple[str, str, tuple[tuple[str, str], ...]]", mark)
-    return Estimator(name=name, modality=modality, cites=cites, function=function, needs=needs)
+    word, cites, needs = cast("tuple[str, str, tuple[tuple[str, str], ...]]", mark)
+    return Estimator(name=name, stage=stage_of(word), cites=cites, function=function, needs=needs)
 
 
 def get_estimator(name: str) -> Estimator:
@@ -155,7 +173,7 @@ def get_estimator(name: str) -> Estimator:
 
         near = difflib.get_close_matches(name, targets, n=3)
         raise InputError(
-            "unknown estimator",
+            "There is no such estimator.",
             where="estimators",
             value=name,
             allowed=", ".join(sorted(targets)),
@@ -165,9 +183,11 @@ def get_estimator(name: str) -> Estimator:
     try:
         function = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a plug-in is a stranger's code: whatever its import raises is told
-        told = f"{type(error).__name__}: {error}"
+        reason = f"{type(error).__name__}: {error}"
         raise InputError(
-            f"estimator {name} cannot be imported: {told}", where=targets[name], next_step="check the plug-in package"
+            f"Estimator {name} cannot be imported: {reason}.",
+            where=targets[name],
+            next_step="check the plug-in package",
         ) from error
     return _describe(name, function, targets[name])
 
@@ -183,7 +203,8 @@ def list_estimators(modality: str | None = None) -> tuple[str, ...]:
 def run_estimator(label: str | Callable[..., xr.Dataset] | Estimator, capture: xr.Dataset) -> xr.Dataset:
     """Run `name[key=value,...]`, or a marked function, on one capture; the result is checked against the contract.
 
-    Returns range (row, col) [m], sigma (row, col) [m], valid (row, col); attributes estimator (the label) and cites.
+    Returns the quantities of the estimator's stage, e.g. range, sigma [m] and valid; attributes estimator (the label) and
+    cites.
     Raises InputError for unknown names and parameters, and for a result that breaks the contract.
     """
     if isinstance(label, str):

@@ -1,4 +1,4 @@
-"""What a range estimator returns, made and checked in one place."""
+"""What an estimator returns: the quantities of its stage, made and checked in one place."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ..captures.layouts import stage_of
+from ..captures.quantities import Quantity, Stage, Variables
 from ..scenes.errors import InputError
 
-__all__ = ["check_result", "masked_result", "range_result"]
+__all__ = ["check_result", "masked_result", "range_result", "stage_result"]
 
 Array = npt.NDArray[Any]
 
+#: Dimensions of a range by their number: a record of shots, or an image.
+_RANGE_DIMS = {1: ("shot",), 2: ("row", "col")}
+
 
 def range_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
-    """Dataset of range (row, col) [m], its standard error sigma (row, col) [m] and valid (row, col).
+    """Dataset of range [m], its standard error sigma [m] and valid, over (shot) or (row, col).
 
     Values that are not finite, and ranges that are not positive, are made invalid; invalid elements hold NaN.
     """
@@ -30,7 +35,7 @@ def range_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
 @lru_cache(maxsize=16)
 def _template(shape: tuple[int, ...]) -> xr.Dataset:
     """A result of this shape that holds one number: to fill a copy takes half as long as to build a Dataset."""
-    dims, zero = ("row", "col"), np.broadcast_to(np.float64(0), shape)
+    dims, zero = _RANGE_DIMS[len(shape)], np.broadcast_to(np.float64(0), shape)
     return xr.Dataset(
         {
             "range": (dims, zero, {"units": "m", "long_name": "radial range"}),
@@ -45,41 +50,97 @@ def masked_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
     return _template(range_m.shape).copy(data={"range": range_m, "sigma": sigma_m, "valid": valid})
 
 
-def check_result(result: object, capture: xr.Dataset, name: str) -> xr.Dataset:
-    """The result as a new Dataset if it keeps the contract, else InputError that says what is wrong."""
+def stage_result(word: str, **arrays: Array) -> xr.Dataset:
+    """Dataset of the quantities of a stage, each with its standard error and `valid`.
+
+    Main arguments:
+        word: of the stage, as under `@estimator`.
+        arrays: `<quantity>`, `sigma` and `valid`; of every quantity but the first `sigma_<quantity>`, `valid_<quantity>`.
+
+    Values that are not finite, and those of zero and below where the quantity is positive, are made invalid; invalid
+    elements hold NaN. Raises InputError for an unknown stage or an array that is missing or too much.
+    """
+    stage = stage_of(word)
+    if arrays.keys() != stage.dims().keys():
+        raise InputError(
+            "A result has exactly the variables of its stage.", where=f"stage {word}", value=sorted(arrays),
+            allowed=", ".join(stage.dims()),
+        )  # fmt: skip
+    data: dict[str, Any] = {}
+    for quantity in stage.gives:
+        names = stage.variables(quantity)
+        value, sigma = (np.asarray(arrays[name], np.float64) for name in (names.value, names.sigma))
+        good = np.asarray(arrays[names.valid], bool) & _sound(quantity, value, sigma)
+        mask = good.reshape(good.shape + (1,) * len(quantity.components))
+        data[names.value] = _variable(quantity.dims, np.where(mask, value, np.nan), quantity.unit, quantity.long_name)
+        data[names.sigma] = _variable(
+            quantity.dims, np.where(mask, sigma, np.nan), quantity.unit, f"standard error of {quantity.name}"
+        )
+        data[names.valid] = _variable(quantity.element_dims, good, "1", "estimate is given")
+    return xr.Dataset(data)
+
+
+def _variable(dims: tuple[str, ...], values: Array, unit: str, long_name: str) -> tuple[Any, ...]:
+    return dims, values, {"units": unit, "long_name": long_name}
+
+
+def _sound(quantity: Quantity, value: Array, sigma: Array) -> Array:
+    """Elements all of whose components have a possible value and a standard error above 0."""
+    with np.errstate(invalid="ignore"):
+        good: Array = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0)
+        if quantity.positive:
+            good = good & (value > 0)
+    for _ in quantity.components:
+        good = np.asarray(good.all(axis=-1))
+    return good
+
+
+def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -> xr.Dataset:
+    """The result as a new Dataset if it keeps the contract of its stage, else InputError that says what is wrong.
+
+    Sizes are the capture's, where it has the dimension; a dimension that it lacks has the length that the estimator chose.
+    """
     if not isinstance(result, xr.Dataset):
         raise InputError(
-            f"estimator {name} returned no Dataset", where=name, value=type(result).__name__, allowed="xarray.Dataset"
+            f"Estimator {name} returned no Dataset.", where=name, value=type(result).__name__, allowed="xarray.Dataset"
         )
-    dims = ("row", "col") if capture.attrs.get("modality", "gated") == "gated" else ("shot",)
-    shape = tuple(int(capture.sizes[dim]) for dim in dims)
-    for key in ("range", "sigma", "valid"):
+    for key, dims in stage.dims().items():
         if key not in result.variables:
-            raise InputError(f"estimator {name} returned no {key}", where=name, value=sorted(map(str, result)))
+            raise InputError(f"Estimator {name} returned no {key}.", where=name, value=sorted(map(str, result)))
         found = result.variables[key]
-        if found.dims != dims or found.shape != shape:
+        sizes = {dim: int(capture.sizes.get(dim, result.sizes.get(dim, 0))) for dim in dims}
+        if found.dims != dims or found.shape != tuple(sizes.values()):
             raise InputError(
-                f"estimator {name} returned {key} of a wrong shape",
+                f"Estimator {name} returned {key} of a wrong shape.",
                 where=name,
                 value=dict(zip(map(str, found.dims), found.shape, strict=True)),
-                allowed=", ".join(f"{dim}: {size}" for dim, size in zip(dims, shape, strict=True)),
+                allowed=", ".join(f"{dim}: {size}" for dim, size in sizes.items()),
             )
-    value, sigma, valid = (result.variables[key].values for key in ("range", "sigma", "valid"))
+    for quantity in stage.gives:
+        _check_values(result, quantity, stage.variables(quantity), name)
+    return result.copy(deep=False)
+
+
+def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name: str) -> None:
+    value, sigma, valid = (result.variables[key].values for key in names.all)
     if valid.dtype != np.bool_:
-        raise InputError(f"estimator {name}: valid is not bool", where=name, value=str(valid.dtype))
-    for key, array in (("range", value), ("sigma", sigma)):
+        raise InputError(f"Estimator {name}: {names.valid} is not bool.", where=name, value=str(valid.dtype))
+    for key, array in ((names.value, value), (names.sigma, sigma)):
         if array.dtype not in (np.dtype("float32"), np.dtype("float64")):
             raise InputError(
-                f"estimator {name}: {key} is not a float", where=name, value=str(array.dtype), allowed="float32/64"
+                f"Estimator {name}: {key} is not a float.", where=name, value=str(array.dtype), allowed="float32/64"
             )
-    # Sums tell that nothing is NaN or infinite anywhere; only otherwise must each element be looked at.
+    # A finite sum has no NaN and no infinite term; only otherwise must each element be looked at.
     if np.isfinite(value.sum() + sigma.sum()) and sigma.min(initial=1.0) > 0:
-        return result.copy(deep=False)
-    wrong = valid & ~(np.isfinite(value) & np.isfinite(sigma) & (sigma > 0))
+        return
+    good = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0)
+    for _ in quantity.components:
+        good = good.all(axis=-1)
+    wrong = valid & ~good
     if wrong.any():
         raise InputError(
-            f"estimator {name} calls {int(wrong.sum())} elements valid whose range or sigma is not finite and positive",
+            f"Estimator {name} calls {int(wrong.sum())} elements valid whose {names.value} or {names.sigma} is not finite "
+            "and positive.",
             where=name,
             allowed="valid=False where there is no estimate",
         )
-    return result.copy(deep=False)

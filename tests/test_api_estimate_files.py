@@ -21,6 +21,7 @@ from beambench.captures.example import example_capture
 from beambench.captures.hdf5 import hdf5_output
 
 COUNT, SHAPE = 2, (6, 5)
+SIZES = {"row": 6, "col": 5}
 
 
 def estimates(**changes: Any) -> Estimates:
@@ -115,7 +116,7 @@ def test_an_export_that_meets_damage_leaves_nothing(tmp_path: Path) -> None:
 
 
 def read(path: Path, **changes: Any) -> Estimates:
-    return read_estimates(path, COUNT, SHAPE, **({"modality": "gated", "captures_sha256": "ab" * 32} | changes))
+    return read_estimates(path, COUNT, SIZES, **({"modality": "gated", "captures_sha256": "ab" * 32} | changes))
 
 
 def test_estimates_of_other_captures_are_refused(tmp_path: Path) -> None:
@@ -129,7 +130,7 @@ def test_estimates_of_other_captures_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="another modality"):
         read(path, modality="amcw")
     write_estimates(path, estimates(captures_sha256=""))
-    with pytest.warns(UserWarning, match="does not tell from which captures"):
+    with pytest.warns(UserWarning, match="does not state from which captures"):
         read(path)
 
 

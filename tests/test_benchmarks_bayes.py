@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.bounds.bayes import posterior_bound, posterior_square
-from beambench.benchmarks.bounds.dispatch import bound_of
-from beambench.benchmarks.bounds.scan import elements_of
 from beambench.benchmarks.checks.bounds import gaussian_stack
+from beambench.benchmarks.judges.bound import bound_of, elements_of
 from beambench.benchmarks.written.gated import written_capture
 from beambench.scenes.load import load_scene
 

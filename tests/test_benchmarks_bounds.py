@@ -55,10 +55,10 @@ def test_dense_gaussian_stack_meets_its_closed_form() -> None:
     assert expected == pytest.approx(0.6357e-3, rel=1e-3)
     np.testing.assert_allclose(bound.sigma, expected, rtol=2e-3)
     assert bound.kind == "exact"
-    assert bound.response_m == pytest.approx(C_M_PER_S * sigma / 2, rel=1e-4)
+    assert bound.scale == pytest.approx(C_M_PER_S * sigma / 2, rel=1e-4)
     span = step * 159
-    assert bound.window_m == pytest.approx(C_M_PER_S / 2 * (span + math.sqrt(12) * sigma), rel=1e-4)
-    assert bound.prior_m == pytest.approx(bound.window_m / math.sqrt(12))
+    assert bound.window == pytest.approx(C_M_PER_S / 2 * (span + math.sqrt(12) * sigma), rel=1e-4)
+    assert bound.prior == pytest.approx(bound.window / math.sqrt(12))
 
 
 @pytest.mark.parametrize(("amplitude", "background", "read"), [(5.0, 0.3, 2.0), (300.0, 20.0, 1.0), (3000.0, 0.1, 5.0)])
@@ -182,7 +182,7 @@ def test_captures_that_do_not_tell_enough() -> None:
 
 
 def test_a_window_of_thousands_of_widths_is_searched_in_part() -> None:
-    from beambench.benchmarks.bounds.scan import scan_of
+    from beambench.benchmarks.judges.bound import scan_of
 
     made = scene(rig__delays={"start_s": 20e-9, "step_s": 0.4e-9, "count": 1500, "repeats": 1, "laser_off": 0})
     scan = scan_of(written_capture(made, 300.0, 1.0))

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import beambench
-from beambench.benchmarks.bounds.dispatch import bound_of
+from beambench.benchmarks.judges.bound import bound_of
 from beambench.captures import write
 from beambench.captures.build import make_capture
 from beambench.captures.layouts import layout_of
@@ -75,8 +75,8 @@ def test_the_declared_rig_tells_the_scales_of_the_true_one(name: str) -> None:
     assert theirs.kind == "none"
     assert np.isnan(theirs.sigma).all()
     assert theirs.sigma.shape == capture["truth_range"].shape
-    assert theirs.response_m == pytest.approx(ours.response_m, rel=2e-3)
-    assert theirs.window_m == pytest.approx(ours.window_m, rel=2e-3)
+    assert theirs.scale == pytest.approx(ours.scale, rel=2e-3)
+    assert theirs.window == pytest.approx(ours.window, rel=2e-3)
 
 
 @pytest.mark.parametrize(("name", "path"), [("gated", "gates"), ("waveform", "response"), ("amcw", "modulation")])

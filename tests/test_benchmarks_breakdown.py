@@ -191,9 +191,9 @@ def test_an_unbroken_estimator_has_mode_none() -> None:
 
 
 def test_change_is_in_units_of_the_bound() -> None:
-    truth = Truth(np.full((2, 2), 5.0), np.zeros((2, 2), bool), np.full((2, 2), 5.0), np.full((2, 2), 5.0))
-    bound = Bound(np.full((2, 2), 1e-3), "exact", 0.1, 1.0)
-    job = Job(0, Path(), "matched", "gated", (2, 2))
+    truth = {"range": Truth.plain(np.full((2, 2), 5.0))}
+    bound = {"range": Bound(np.full((2, 2), 1e-3), "exact", 0.1, 1.0)}
+    job = Job(0, Path(), "matched", "gated", {"row": 2, "col": 2})
 
     def outcome(offset: float, valid: bool = True, status: str = "ok") -> Outcome:
         mask = np.ones((2, 2), bool)

@@ -35,7 +35,7 @@ def _scores() -> pd.DataFrame:
                 row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
                 row |= {
                     "suite": "mine", "scene": scene, "stress": "photons", "level": level, "seed": seed, "n": n,
-                    "condition": "matched", "estimator": "peak", "params": "", "quantity": "range",
+                    "condition": "matched", "estimator": "peak", "params": "", "stage": "range", "quantity": "range",
                     "failure_rate": float(level < edge), "stress2": "none", "status": "ok", "modality": "gated",
                 }  # fmt: skip
                 rows += [row, {**row, "quantity": "range-mixed", "failure_rate": 1.0}]

@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from beambench.benchmarks.judges.calibrate import Calibrations, calibrated_rig, record_gate, record_pulse
+from beambench.benchmarks.judges.calibrate import Calibrations, calibrated_rig
+from beambench.benchmarks.judges.records import record_gate, record_pulse
 from beambench.benchmarks.suites.spec import Calibration
 from beambench.benchmarks.suites.suite import Cell, cells_of, load_suite
 from beambench.estimators.calibration.response import gate_from_scan, pulse_from_trace

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from beambench.benchmarks.bounds.dispatch import bound_of
 from beambench.benchmarks.bounds.gated import gated_bound
+from beambench.benchmarks.judges.bound import bound_of
 from beambench.benchmarks.peers.volume_cost import water_scene
 from beambench.generator.generate import generate
 from beambench.scenes.load import load_scene

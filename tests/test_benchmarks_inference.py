@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.checks.intervals import Kind, check, synthetic
-from beambench.benchmarks.scores.score import Bound, Truth, score_rows
 from beambench.benchmarks.scores.tables import to_csv, write_tables
+from beambench.benchmarks.scores.truth import Bound, Truth
 from beambench.benchmarks.statistics.bootstrap import MIN_SCENES, studentised
 from beambench.benchmarks.statistics.pairs import holm, pairwise, pairwise_p
 from beambench.benchmarks.statistics.profiles import performance_profiles
@@ -19,6 +19,8 @@ from beambench.benchmarks.statistics.ranking import compare_estimators, score_ma
 from beambench.benchmarks.statistics.rates import clustered_interval, wilson_interval
 from beambench.benchmarks.statistics.tables import inference_tables
 from beambench.scenes.errors import InputError
+
+from ._scores import range_rows
 
 BENCHMARKS = 2000
 DRAWS = 999  # of the bootstrap, where 2,000 benchmarks are done at once
@@ -33,6 +35,9 @@ def test_intervals_cover_and_the_pairwise_table_errs_rarely(kind: Kind, scenes: 
     assert found["wrong"] <= 0.05
     # The known winner beats each rival, seen in nearly all benchmarks at e^.5 with interactions of e^.2.
     assert found["found"] > 0.9
+
+
+GROUP: dict[str, Any] = {"modality": "gated", "stage": "range", "quantity": "range"}
 
 
 def test_all_equal_estimators_are_separated_in_at_most_one_benchmark_of_twenty() -> None:
@@ -146,7 +151,7 @@ def test_rates_of_elements_that_fail_together_by_scene() -> None:
 def _rows(name: str, scene: int, error: np.ndarray, valid: np.ndarray, status: str = "ok") -> list[dict[str, Any]]:
     side = math.isqrt(error.size)
     plane = np.full((side, side), 5.0)
-    truth = Truth(plane, np.zeros(plane.shape, bool), plane, plane)
+    truth = Truth.plain(plane)
     bound = Bound(np.full(plane.shape, 0.001), "exact", 0.15, 2.0)
     key = {
         "suite": "s", "scene": f"scene-{scene:02d}", "stress": "", "level": math.nan, "stress2": "", "level2": math.nan,
@@ -158,7 +163,7 @@ def _rows(name: str, scene: int, error: np.ndarray, valid: np.ndarray, status: s
         "sigma": np.full(shape, 0.01),
         "valid": valid.reshape(shape),
     }
-    return score_rows(key, truth, bound, estimate, status=status)
+    return range_rows(key, truth, bound, estimate, status=status)
 
 
 def _table(hard_sigma: float) -> list[dict[str, Any]]:
@@ -180,7 +185,7 @@ def _table(hard_sigma: float) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("hard_sigma", [0.05, 0.2, 0.5])
 def test_refusing_hard_elements_wins_no_ranking(hard_sigma: float) -> None:
     # The prior's error is 2 m/√12 = .58 m: hard elements are those that still tell something.
-    comparison = compare_estimators(score_matrix(_table(hard_sigma)))
+    comparison = compare_estimators(score_matrix(_table(hard_sigma), **GROUP))
     order = [row.name for row in comparison.ranked]
     assert order[0] == "honest"
     assert set(order[3:]) == {"refuses-all", "crashes"}
@@ -202,24 +207,24 @@ def test_refusing_hard_elements_wins_no_ranking(hard_sigma: float) -> None:
 def test_a_table_with_holes_or_doubles_is_refused() -> None:
     rows = _table(0.2)
     with pytest.raises(InputError, match="lacks a cell"):
-        score_matrix(rows[1:])
+        score_matrix(rows[1:], **GROUP)
     with pytest.raises(InputError, match="twice"):
-        score_matrix([*rows, rows[0]])
+        score_matrix([*rows, rows[0]], **GROUP)
     with pytest.raises(InputError, match="No row"):
-        score_matrix(rows, condition="calibrated")
+        score_matrix(rows, **GROUP, condition="calibrated")
 
 
 def test_seeds_are_pooled_as_squares_within_their_scene() -> None:
     rows = _table(0.2)
     again = [{**row, "seed": 2, "rmse_full": 3.0 * row["rmse_full"]} for row in rows]
-    one, two = score_matrix(rows), score_matrix(rows + again)
+    one, two = score_matrix(rows, **GROUP), score_matrix(rows + again, **GROUP)
     np.testing.assert_allclose(two.rmse_full, math.sqrt(5.0) * one.rmse_full, rtol=1e-12)
     assert one.scenes == two.scenes
 
 
 def test_few_scenes_leave_every_rank_open() -> None:
     rows = [row for row in _table(0.2) if row["scene"] < "scene-03"]
-    comparison = compare_estimators(score_matrix(rows))
+    comparison = compare_estimators(score_matrix(rows, **GROUP))
     assert {(row.rank_low, row.rank_high) for row in comparison.ranked} == {(1, 5)}
     assert all(pair.winner == "" and math.isnan(pair.p_holm) for pair in comparison.pairs)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.benchmarks.bounds.dispatch import cramer_rao_bound
-from beambench.benchmarks.scores.score import failure_limit
+from beambench.benchmarks.judges.bound import cramer_rao_bound
+from beambench.benchmarks.scores.truth import failure_limit
 from beambench.benchmarks.suites.stress import stressed
 from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures.hide import hide_truth

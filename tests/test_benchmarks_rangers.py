@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from beambench.benchmarks.bounds.amcw import amcw_bound
-from beambench.benchmarks.bounds.dispatch import bound_of
 from beambench.benchmarks.bounds.waveform import profiled_sigma, waveform_bound
+from beambench.benchmarks.judges.bound import bound_of
 from beambench.benchmarks.judges.calibrate import calibrated_rig
 from beambench.benchmarks.run import run_suite
 from beambench.benchmarks.suites.spec import Calibration
@@ -38,7 +38,7 @@ def test_bound_of_a_dense_gaussian_record_is_its_closed_form() -> None:
     exact = C_M_PER_S * sigma_t / (2 * index * np.sqrt(capture["truth_amplitude"].values))
     # Sampling at σ/9 costs (Δ/σ)²/12 = 1e-3; rounding to a quarter electron costs little more.
     np.testing.assert_allclose(bound.sigma, exact, rtol=5e-3)
-    assert bound.kind == "exact" and bound.response_m == pytest.approx(C_M_PER_S * sigma_t / (2 * index), rel=2e-3)
+    assert bound.kind == "exact" and bound.scale == pytest.approx(C_M_PER_S * sigma_t / (2 * index), rel=2e-3)
 
 
 def test_bounds_against_a_numerical_likelihood() -> None:

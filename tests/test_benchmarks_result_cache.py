@@ -24,7 +24,7 @@ def _job(folder: Path, value: int = 1, rig: str = "{}", condition: str = "matche
     folder.mkdir(exist_ok=True)
     np.save(folder / "counts.npy", np.full((2, 3, 4), value, np.uint16))
     (folder / f"meta-{condition}.json").write_text(rig)
-    return Job(0, folder, condition, "gated", (3, 4))
+    return Job(0, folder, condition, "gated", {"row": 3, "col": 4})
 
 
 def _outcome(job: Job, status: str = "ok") -> Outcome:

@@ -95,8 +95,8 @@ def test_a_run_from_end_to_end(plugins: None, tmp_path: Path) -> None:
     assert told[0][0] == "generate"
     assert ("estimate", 6, 6) in [step[:3] for step in told]
     with np.load(tmp_path / "a" / "pictures" / "flat-wall__peak.npz") as picture:
-        assert picture["range"].shape == (24, 24)
-        np.testing.assert_allclose(picture["error"], picture["range"] - picture["truth"], atol=1e-6)
+        assert picture["value"].shape == (24, 24)
+        np.testing.assert_allclose(picture["error"], picture["value"] - picture["truth"], atol=1e-6)
     assert len(list((tmp_path / "a" / "captures").glob("*.zarr"))) == 2
     assert not list((tmp_path / "a").rglob("*.partial"))
     assert len(result.failures) == 4

@@ -15,7 +15,6 @@ import pytest
 import xarray as xr
 
 from beambench.benchmarks.runner.protocol import (
-    RESULT,
     THREAD_VARIABLES,
     file_sums,
     open_capture,
@@ -25,6 +24,7 @@ from beambench.benchmarks.runner.protocol import (
 )
 from beambench.benchmarks.runner.session import Job, Outcome, run_jobs
 from beambench.benchmarks.suites.spec import Limits
+from beambench.captures.layouts import stage_of
 
 ROWS, COLS, SLICES = 6, 5, 8
 
@@ -180,7 +180,7 @@ def spool(folder: Path, count: int = 2) -> list[Job]:
         capture = hidden_capture(index)
         write_capture(place, capture)
         write_meta(place, capture, "matched")
-        jobs.append(Job(index, place, "matched", "gated", (ROWS, COLS)))
+        jobs.append(Job(index, place, "matched", "gated", {"row": ROWS, "col": COLS}))
     return jobs
 
 
@@ -220,7 +220,7 @@ def test_a_good_estimator_gives_arrays_times_and_memory(plugins: Path, tmp_path:
         ("floods", "flood: printed over 1048576 bytes"),
         ("closes-pipes", "crash: closed its pipes"),
         ("fine[nonsense=1]", "error: InputError: unknown parameter"),
-        ("unheard-of", "error: InputError: unknown estimator"),
+        ("unheard-of", "error: InputError: There is no such estimator"),
     ],
 )
 def test_each_misdeed_is_a_status(plugins: Path, tmp_path: Path, name: str, status: str) -> None:
@@ -298,16 +298,16 @@ def test_results_are_never_unpickled(tmp_path: Path) -> None:
 
     for name in ("range", "sigma", "valid"):
         np.save(tmp_path / f"{name}.npy", np.array([[Bomb()]], dtype=object), allow_pickle=True)
-    arrays, wrong = read_results(tmp_path, "gated", (1, 1))
+    arrays, wrong = read_results(tmp_path, stage_of("gated"), {"row": 1, "col": 1})
     assert not arrays
     assert wrong.startswith("range is not an array")
-    assert RESULT["gated"] == ("range", ("row", "col"))
+    assert list(stage_of("gated").dims()) == ["range", "sigma", "valid"]
 
 
 def test_float32_results_are_taken(tmp_path: Path) -> None:
     for name, kind in (("range", np.float32), ("sigma", np.float32), ("valid", bool)):
         np.save(tmp_path / f"{name}.npy", np.ones((2, 2), kind))
-    arrays, wrong = read_results(tmp_path, "gated", (2, 2))
+    arrays, wrong = read_results(tmp_path, stage_of("gated"), {"row": 2, "col": 2})
     assert not wrong
     assert arrays["range"].dtype == np.float64
     assert math.isclose(arrays["range"][0, 0], 1.0)

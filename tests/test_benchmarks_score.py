@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.scores.score import COLUMNS, KEY, TIMES, Bound, Truth, errors_of, failure_limit, score_rows
+from beambench.benchmarks.scores.score import COLUMNS, KEY, TIMES
 from beambench.benchmarks.scores.summary import summarise, wilson_interval
 from beambench.benchmarks.scores.tables import read_rows, sort_rows, to_csv, write_tables
+from beambench.benchmarks.scores.truth import Bound, Truth, errors_of, failure_limit
 from beambench.benchmarks.statistics.pooled import block_bootstrap_ratio, block_ids
+
+from ._scores import range_rows
 
 CONTRACT = (
     "suite,scene,stress,level,stress2,level2,seed,condition,stage,estimator,params,modality,quantity,unit,n,coverage,"
@@ -33,7 +36,7 @@ def key(**changes: Any) -> dict[str, Any]:
 
 def flat_truth(shape: tuple[int, int], value: float = 5.0) -> Truth:
     plane = np.full(shape, value)
-    return Truth(plane, np.zeros(shape, bool), plane, plane)
+    return Truth.plain(plane)
 
 
 def estimate(error: np.ndarray, valid: np.ndarray, sigma: float = 1.0, value: float = 5.0) -> dict[str, np.ndarray]:
@@ -42,7 +45,7 @@ def estimate(error: np.ndarray, valid: np.ndarray, sigma: float = 1.0, value: fl
 
 def test_columns_are_those_of_the_contract_in_order() -> None:
     assert ",".join(COLUMNS) == CONTRACT
-    rows = score_rows(key(), flat_truth((2, 2)), Bound(np.ones((2, 2)), "exact", 1.0, 10.0), None, status="timeout: x")
+    rows = range_rows(key(), flat_truth((2, 2)), Bound(np.ones((2, 2)), "exact", 1.0, 10.0), None, status="timeout: x")
     assert tuple(rows[0]) == COLUMNS
     assert to_csv(rows, COLUMNS).splitlines()[0] == CONTRACT
 
@@ -52,7 +55,7 @@ def test_by_hand() -> None:
     error = np.array([[1.0, -1.0, 3.0, 20.0, 0.0]])
     valid = np.array([[True, True, True, True, False]])
     bound = Bound(np.full((1, 5), 0.5), "exact", 10.0, 12.0)
-    (row,) = score_rows(
+    (row,) = range_rows(
         key(),
         flat_truth((1, 5)),
         bound,
@@ -84,15 +87,15 @@ def test_efficiency_counts_outliers_and_is_withheld_from_the_biased() -> None:
     rng = np.random.default_rng(1)
     bound = Bound(np.full(shape, 1e-3), "exact", 1.0, 10.0)
     error = rng.normal(0, 2e-3, shape)
-    (row,) = score_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
+    (row,) = range_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
     # Mean of 1024 squared normals: relative standard error √(2/1024) = 4.4 %; 4 of them.
     assert row["efficiency"] == pytest.approx(0.25, rel=0.18)
     assert row["efficiency_lo"] < row["efficiency"] < row["efficiency_hi"]
     assert row["efficiency"] == pytest.approx(1 / ((error / 1e-3) ** 2).mean())
     error[0, 0] = 1.0
-    (wild,) = score_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
+    (wild,) = range_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
     assert wild["efficiency"] < 0.002
-    (biased,) = score_rows(
+    (biased,) = range_rows(
         key(), flat_truth(shape), bound, estimate(error * 0 + 1e-3, np.ones(shape, bool)), status="ok"
     )
     assert math.isnan(biased["efficiency"])
@@ -101,7 +104,7 @@ def test_efficiency_counts_outliers_and_is_withheld_from_the_biased() -> None:
 def test_bound_and_rmse_are_taken_on_the_same_elements() -> None:
     bound = Bound(np.array([[1.0, 2.0, 9.0]]), "exact", 100.0, 100.0)
     valid = np.array([[True, True, False]])
-    (row,) = score_rows(key(), flat_truth((1, 3)), bound, estimate(np.zeros((1, 3)), valid), status="ok")
+    (row,) = range_rows(key(), flat_truth((1, 3)), bound, estimate(np.zeros((1, 3)), valid), status="ok")
     assert row["bound"] == pytest.approx(math.sqrt((1 + 4) / 2))
     assert row["rmse"] == 0
 
@@ -114,13 +117,13 @@ def test_refusing_all_hard_elements_does_not_win() -> None:
     bound = Bound(spread, "exact", 0.1, 4.0)  # prior 4/√12 = 1.15 m
     error = rng.normal(size=shape) * spread
     everywhere, nowhere = np.ones(shape, bool), np.zeros(shape, bool)
-    (honest,) = score_rows(key(), flat_truth(shape), bound, estimate(error, everywhere), status="ok")
-    (refuser,) = score_rows(key(), flat_truth(shape), bound, estimate(error, ~hard), status="ok")
-    (silent,) = score_rows(key(), flat_truth(shape), bound, estimate(error, nowhere), status="ok")
+    (honest,) = range_rows(key(), flat_truth(shape), bound, estimate(error, everywhere), status="ok")
+    (refuser,) = range_rows(key(), flat_truth(shape), bound, estimate(error, ~hard), status="ok")
+    (silent,) = range_rows(key(), flat_truth(shape), bound, estimate(error, nowhere), status="ok")
     assert refuser["rmse"] < honest["rmse"]  # what refusing would win if it were scored by this
     assert honest["rmse_full"] < refuser["rmse_full"] < silent["rmse_full"]
     assert honest["failure_rate"] < refuser["failure_rate"] < silent["failure_rate"]
-    assert silent["rmse_full"] == pytest.approx(bound.prior_m)
+    assert silent["rmse_full"] == pytest.approx(bound.prior)
     assert math.isnan(silent["rmse"])
 
 
@@ -128,8 +131,7 @@ def test_mixed_elements_are_scored_apart_by_their_distance_from_the_nearer_surfa
     truth = Truth(
         np.array([[5.0, 5.5, 5.5, 5.5, np.nan]]),
         np.array([[False, True, True, True, False]]),
-        np.array([[5.0, 5.0, 5.0, 5.0, np.nan]]),
-        np.array([[5.0, 6.0, 6.0, 6.0, np.nan]]),
+        (np.array([[5.0, 5.0, 5.0, 5.0, np.nan]]), np.array([[5.0, 6.0, 6.0, 6.0, np.nan]])),
     )
     answer = np.array([[5.1, 5.6, 4.8, 6.0, 7.0]])
     error = errors_of(answer, truth)
@@ -137,7 +139,7 @@ def test_mixed_elements_are_scored_apart_by_their_distance_from_the_nearer_surfa
     np.testing.assert_allclose(error, [[0.1, -0.4, -0.2, 0.0, np.nan]], atol=1e-12)
     bound = Bound(np.array([[0.1, np.nan, np.nan, np.nan, np.nan]]), "exact", 0.6, 4.0)
     est = {"range": answer, "sigma": np.ones((1, 5)), "valid": np.ones((1, 5), bool)}
-    plain, mixed = score_rows(key(), truth, bound, est, status="ok")
+    plain, mixed = range_rows(key(), truth, bound, est, status="ok")
     assert (plain["quantity"], plain["n"], mixed["quantity"], mixed["n"]) == ("range", 1, "range-mixed", 3)
     assert plain["rmse"] == pytest.approx(0.1)
     assert mixed["failure_rate"] == pytest.approx(1 / 3)  # X = .3: the .4 fails
@@ -150,7 +152,7 @@ def test_mixed_elements_are_scored_apart_by_their_distance_from_the_nearer_surfa
 def test_a_run_that_failed_covers_nothing(status: str) -> None:
     bound = Bound(np.ones((2, 2)), "exact", 1.0, 6.0)
     est = estimate(np.zeros((2, 2)), np.ones((2, 2), bool))
-    (row,) = score_rows(key(), flat_truth((2, 2)), bound, est, status=status)
+    (row,) = range_rows(key(), flat_truth((2, 2)), bound, est, status=status)
     assert (row["coverage"], row["failure_rate"], row["status"]) == (0.0, 1.0, status)
     assert row["rmse_full"] == pytest.approx(6 / math.sqrt(12))
     assert math.isnan(row["rmse"])
@@ -159,7 +161,7 @@ def test_a_run_that_failed_covers_nothing(status: str) -> None:
 def test_a_bound_above_the_prior_is_held_at_it_and_no_longer_called_exact() -> None:
     bound = Bound(np.array([[0.1, np.inf]]), "exact", 1.0, 2.0)
     est = estimate(np.zeros((1, 2)), np.ones((1, 2), bool))
-    (row,) = score_rows(key(), flat_truth((1, 2)), bound, est, status="ok")
+    (row,) = range_rows(key(), flat_truth((1, 2)), bound, est, status="ok")
     assert row["bound"] == pytest.approx(math.sqrt((0.01 + 4 / 12) / 2))
     assert row["bound_kind"] == "quasi"
 
@@ -167,7 +169,7 @@ def test_a_bound_above_the_prior_is_held_at_it_and_no_longer_called_exact() -> N
 def test_the_suite_may_set_where_failure_begins() -> None:
     bound = Bound(np.full((1, 2), 1e-3), "exact", 10.0, 20.0)
     est = estimate(np.array([[0.0, 0.2]]), np.ones((1, 2), bool))
-    (row,) = score_rows(key(), flat_truth((1, 2)), bound, est, status="ok", failure_at=0.1)
+    (row,) = range_rows(key(), flat_truth((1, 2)), bound, est, status="ok", failure_at=0.1)
     assert (row["failure_at"], row["failure_rate"]) == (0.1, 0.5)
 
 
@@ -210,7 +212,7 @@ def table() -> list[dict[str, Any]]:
                 est = estimate(error, np.ones(shape, bool), 0.1)
                 stress = "none" if math.isnan(level) else "x"
                 changed = key(seed=seed, estimator=name, level=level, stress=stress)
-                rows += score_rows(changed, flat_truth(shape), bound, est, status="ok", cpu_s=seed / 3)
+                rows += range_rows(changed, flat_truth(shape), bound, est, status="ok", cpu_s=seed / 3)
     return rows
 
 
@@ -272,15 +274,14 @@ def test_an_estimator_that_guesses_fails_at_half_of_all_elements_or_more(window:
     sigma = np.full(shape, 50.0 if kind == "exact" else window / math.sqrt(12.0))
     error = rng.uniform(-window / 2, window / 2, shape)  # truth in the middle, where a guess does best
     bound = Bound(sigma, kind, 1.0, window)
-    (row,) = score_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
+    (row,) = range_rows(key(), flat_truth(shape), bound, estimate(error, np.ones(shape, bool)), status="ok")
     # 1 − 2/W within 4 standard errors of 4096 trials.
     assert row["failure_rate"] == pytest.approx(1.0 - 2.0 / window, abs=0.03)
     assert row["failure_rate"] > 0.5
 
 
 def test_peak_and_parabola_break_down_in_the_dark() -> None:
-    from beambench.benchmarks.bounds.dispatch import bound_of
-    from beambench.benchmarks.scores.score import truth_of
+    from beambench.benchmarks.judges.bound import bound_of, truth_of
     from beambench.benchmarks.written.gated import written_capture
     from beambench.captures.hide import hide_truth
     from beambench.estimators import run_estimator
@@ -296,7 +297,7 @@ def test_peak_and_parabola_break_down_in_the_dark() -> None:
         for name in ("peak", "parabola", "poisson-ml"):
             found = run_estimator(name, hidden)
             answer = {part: found[part].values for part in ("range", "sigma", "valid")}
-            (row,) = score_rows(key(estimator=name), truth, bound, answer, status="ok")
+            (row,) = range_rows(key(estimator=name), truth, bound, answer, status="ok")
             failed.setdefault(name, []).append(row["failure_rate"])
     assert kinds == ["exact", "exact", "bayes", "bayes"]
     for name in ("peak", "parabola"):
@@ -316,8 +317,8 @@ def test_refusing_pays_in_no_ranking_even_through_the_threshold(photons: float) 
     error = np.where(wild, rng.uniform(-6.0, 6.0, shape), rng.normal(0, 0.1, shape))
     bound = Bound(np.where(hard, 1.0, 0.1), "bayes", 1.0, 12.0)
     everywhere = np.ones(shape, bool)
-    (honest,) = score_rows(key(), flat_truth(shape), bound, estimate(error, everywhere), status="ok")
-    (refuser,) = score_rows(key(), flat_truth(shape), bound, estimate(error, ~hard), status="ok")
+    (honest,) = range_rows(key(), flat_truth(shape), bound, estimate(error, everywhere), status="ok")
+    (refuser,) = range_rows(key(), flat_truth(shape), bound, estimate(error, ~hard), status="ok")
     assert honest["rmse_full"] < refuser["rmse_full"]
     assert honest["failure_rate"] < refuser["failure_rate"]
 
@@ -327,7 +328,7 @@ def test_kinds_of_bounds_are_kept_and_pooled_by_the_weakest() -> None:
     for seed, kind in ((1, "exact"), (2, "bayes"), (3, "exact")):
         bound = Bound(np.full((16, 16), 0.1), kind, 1.0, 10.0)
         est = estimate(np.random.default_rng(seed).normal(0, 0.1, (16, 16)), np.ones((16, 16), bool), 0.1)
-        rows += score_rows(key(seed=seed), flat_truth((16, 16)), bound, est, status="ok")
+        rows += range_rows(key(seed=seed), flat_truth((16, 16)), bound, est, status="ok")
     assert [row["bound_kind"] for row in rows] == ["exact", "bayes", "exact"]
     (pooled,) = summarise(rows)
     assert pooled["bound_kind"] == "bayes"
@@ -337,6 +338,6 @@ def test_kinds_of_bounds_are_kept_and_pooled_by_the_weakest() -> None:
     # Held at the prior, a Bayesian bound is still one.
     wide = Bound(np.full((2, 2), 9.0), "bayes", 1.0, 10.0)
     est = estimate(np.zeros((2, 2)), np.ones((2, 2), bool))
-    (row,) = score_rows(key(), flat_truth((2, 2)), wide, est, status="ok")
+    (row,) = range_rows(key(), flat_truth((2, 2)), wide, est, status="ok")
     assert row["bound_kind"] == "bayes"
-    assert row["bound"] == pytest.approx(wide.prior_m)
+    assert row["bound"] == pytest.approx(wide.prior)

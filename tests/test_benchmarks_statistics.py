@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.scores.score import Bound, Truth, score_rows
 from beambench.benchmarks.scores.summary import summarise
+from beambench.benchmarks.scores.truth import Bound, Truth
 from beambench.benchmarks.search.bench import Answer, trials_of
 from beambench.benchmarks.search.failure_rate import mode_of
 from beambench.benchmarks.statistics.front import paired_order, ratio_interval
@@ -21,6 +21,8 @@ from beambench.benchmarks.statistics.pooled import (
     weakest_kind,
 )
 
+from ._scores import range_rows
+
 KEY: dict[str, Any] = {
     "suite": "s", "scene": "a", "stress": "none", "level": math.nan, "stress2": "none", "level2": math.nan, "seed": 1,
     "condition": "matched", "stage": "range", "estimator": "e", "params": "",
@@ -30,11 +32,11 @@ KEY: dict[str, Any] = {
 def row_of(error: np.ndarray, *, bound: float = 1e-3, seed: int = 1, valid: np.ndarray | None = None) -> dict[str, Any]:
     """A row of the table from errors (row, col), m."""
     plane = np.full(error.shape, 5.0)
-    truth = Truth(plane, np.zeros(error.shape, bool), plane, plane)
+    truth = Truth.plain(plane)
     mask = np.ones(error.shape, bool) if valid is None else valid
     estimate = {"range": np.where(mask, plane + error, np.nan), "sigma": np.full(error.shape, bound), "valid": mask}
     scale = Bound(np.full(error.shape, bound), "exact", 100.0 * bound, 1e4 * bound)
-    (row,) = score_rows(KEY | {"seed": seed}, truth, scale, estimate, status="ok")
+    (row,) = range_rows(KEY | {"seed": seed}, truth, scale, estimate, status="ok")
     return row
 
 

@@ -15,12 +15,11 @@ import xarray as xr
 from scipy.special import ndtr
 
 from beambench.benchmarks.bounds.bayes import posterior_bound
-from beambench.benchmarks.bounds.dispatch import bound_of, cramer_rao_bound
 from beambench.benchmarks.bounds.gated import gated_bound
-from beambench.benchmarks.bounds.regular import is_regular, threshold_bound, threshold_table
-from beambench.benchmarks.bounds.scan import elements_of
 from beambench.benchmarks.bounds.ziv_zakai import Arc, distances, local_bound, poisson_error, ziv_zakai
 from beambench.benchmarks.checks.bounds import gaussian_stack, rectangular_stack
+from beambench.benchmarks.judges.bound import bound_of, cramer_rao_bound, elements_of, is_regular, threshold_bound
+from beambench.benchmarks.judges.bound import threshold_table as table_for
 from beambench.benchmarks.written.gated import drawn_counts, written_capture
 from beambench.optics.likelihood.fisher import information_table, tau_bound
 from beambench.optics.likelihood.sample import NoiseModel, log_pmf
@@ -250,7 +249,7 @@ def test_pixels_are_marked_before_anything_is_estimated() -> None:
     np.testing.assert_array_equal(bound.sigma[regular], crb.sigma[regular])
     assert np.isnan(bound.sigma[1, 0])
     # In the dark the prior rules: half of what an unbounded Cramér-Rao bound would ask for, and no more than W/√12·2.
-    assert bound.sigma[0, 0] == pytest.approx(crb.prior_m, rel=0.25)
+    assert bound.sigma[0, 0] == pytest.approx(crb.prior, rel=0.25)
     assert bound.sigma[0, 0] < crb.sigma[0, 0]
     assert threshold_bound(data, replace(crb, kind="quasi")).kind == "bayes"
     assert threshold_bound(data, replace(crb, kind="none")).kind == "none"
@@ -259,12 +258,12 @@ def test_pixels_are_marked_before_anything_is_estimated() -> None:
     np.testing.assert_array_equal(bayes.sigma[regular], crb.sigma[regular])
     # Without light the best guess is the window's middle, W/√12 off in the mean over places, and less at this one: the
     # Ziv-Zakai value there, W/4 in the middle and more beside it, is the floor.
-    assert np.sqrt(12.0) / 4.0 * 0.98 * crb.prior_m < bayes.sigma[0, 0] <= crb.prior_m
-    assert bayes.sigma[0, 7] == crb.prior_m
+    assert np.sqrt(12.0) / 4.0 * 0.98 * crb.prior < bayes.sigma[0, 0] <= crb.prior
+    assert bayes.sigma[0, 7] == crb.prior
     assert bayes.sigma[0, 3] < bayes.sigma[0, 2] < bayes.sigma[0, 1] * 1.01
     assert np.all(bayes.sigma[0, :4] >= bound.sigma[0, :4])
     # An echo outside the window: what its Cramér-Rao bound leaves of the prior.
-    assert bayes.sigma[1, 1] == crb.prior_m
+    assert bayes.sigma[1, 1] == crb.prior
     bright = _capture(500.0, 1.0)
     assert bound_of(bright).kind == "exact"
     # Mixed pixels are scored apart: they do not decide what a row's bound is called.
@@ -277,7 +276,7 @@ def test_pixels_are_marked_before_anything_is_estimated() -> None:
 def test_one_table_serves_a_rig_and_a_large_image_is_quick() -> None:
     amplitude = np.geomspace(0.5, 500.0, 64).reshape(8, 8)
     data = _capture(amplitude, 1.0)
-    table = threshold_table(data)
+    table = table_for(data)
     small = is_regular(data, table)
     assert small.ravel().tolist() == sorted(small.ravel().tolist())  # regular from some amplitude on
     assert 0 < small.sum() < small.size
@@ -287,7 +286,7 @@ def test_one_table_serves_a_rig_and_a_large_image_is_quick() -> None:
     assert time.process_time() - start < 2.0  # measured: some .02 s of lookup
     assert marked.mean() == pytest.approx(small.mean(), abs=0.03)
     # A finer table agrees with the coarse one on all but pixels at the edge.
-    whole = is_regular(data, threshold_table(_capture(np.geomspace(0.45, 700.0, 64).reshape(8, 8), 1.0)))
+    whole = is_regular(data, table_for(_capture(np.geomspace(0.45, 700.0, 64).reshape(8, 8), 1.0)))
     assert (whole != small).sum() <= 1
 
 
@@ -321,8 +320,8 @@ def test_a_capture_without_its_truth_cannot_be_marked() -> None:
     with pytest.raises(InputError):
         is_regular(data)
     dim = _capture(100.0, 1.0).drop_vars("truth_amplitude")
-    with pytest.raises(InputError, match="amplitudes"):
-        threshold_table(dim)
+    with pytest.raises(InputError, match="truth_amplitude"):
+        table_for(dim)
     with pytest.raises(ValueError, match="sixth"):
         local_bound(np.ones((5, 3)), np.ones(5), 1.0, 2.0)
     with pytest.raises(ValueError, match="positive"):
@@ -391,7 +390,7 @@ def test_every_modality_is_marked_and_bounded_through_its_threshold() -> None:
         assert bound.kind == kind, name
         if kind == "bayes":
             # The Cramér-Rao bound knows the cycle, or the neighbourhood; the threshold's does not.
-            assert np.all(bound.sigma > 2.0 * np.minimum(local.sigma, 0.3 * local.prior_m))
-            assert np.all(bound.sigma <= bound.prior_m)
+            assert np.all(bound.sigma > 2.0 * np.minimum(local.sigma, 0.3 * local.prior))
+            assert np.all(bound.sigma <= bound.prior)
         else:
             np.testing.assert_array_equal(bound.sigma, local.sigma)

@@ -72,7 +72,7 @@ def test_read_noise_and_few_photons_keep_the_bound() -> None:
 def test_one_frequency_is_ambiguous_by_half_its_wavelength() -> None:
     capture = made({"rig.shots": 200})
     error, _, valid = errors("amcw-phase", capture)
-    half = amcw_bound(capture).response_m * np.sqrt(12.0)
+    half = amcw_bound(capture).scale * np.sqrt(12.0)
     cycles = error[valid] / half
     # The window begins at .5 m: 4 m is six half wavelengths of .552 m too far.
     np.testing.assert_allclose(cycles, np.rint(cycles), atol=0.02)
@@ -86,7 +86,7 @@ def test_the_ladder_fails_where_joint_candidates_survive_by_counts() -> None:
     shots = 1000
     dim = {"rig.shots": shots, "rig.laser.power_w": 1.5e-5}
     ladder, joint = made(dim), made(dim | JOINT)
-    limit = 0.25 * amcw_bound(ladder).response_m * np.sqrt(12.0)
+    limit = 0.25 * amcw_bound(ladder).scale * np.sqrt(12.0)
     error, _, valid = errors("amcw-decade[min_snr=0]", ladder)
     wrong_ladder = int((~valid | (np.abs(error) > limit)).sum())
     error, _, valid = errors("amcw-ml[min_gap=0,min_snr=0]", joint)
@@ -111,7 +111,7 @@ def test_the_ladder_fails_as_its_phase_error_predicts() -> None:
     # The fine phase enters the decision at a tenth: 1.01 times the variance of 20 MHz; likewise from 2 to 20 MHz.
     one_rung = np.mean([erfc(np.radians(18.0) / (s * np.sqrt(2.02))) for s in sigma])
     error, _, valid = errors("amcw-decade[min_snr=0]", capture)
-    limit = 0.25 * amcw_bound(capture).response_m * np.sqrt(12.0)
+    limit = 0.25 * amcw_bound(capture).scale * np.sqrt(12.0)
     wrong = np.mean(~valid | (np.abs(error) > limit))
     expected = 1 - (1 - one_rung) ** 2
     assert 0.01 < expected < 0.3

@@ -198,7 +198,7 @@ def test_a_taken_name_is_refused_and_both_owners_are_told(tmp_path: Path) -> Non
     _lay(tmp_path / "site", {"peak": ("hostile_calls", "prints")})
     done = _beambench(tmp_path / "site", "estimators", "list")
     said = done.stdout + done.stderr
-    assert done.returncode == 2 and "two estimators are named peak" in said
+    assert done.returncode == 2 and "Two estimators are named peak" in said
     assert "hostile_calls:prints" in said and "uninstall" in said
 
 

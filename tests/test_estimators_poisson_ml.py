@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.bounds.dispatch import cramer_rao_bound
 from beambench.benchmarks.bounds.instrument import gated_responses
 from beambench.benchmarks.checks.efficiency import Cell, cell_levels, cell_scene
+from beambench.benchmarks.judges.bound import cramer_rao_bound
 from beambench.benchmarks.peers.stacks import GaussianRig, poisson_bound, stack_capture
 from beambench.benchmarks.written.gated import written_capture
 from beambench.captures.hide import hide_truth

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
+from beambench.captures.layouts import stage_of
 from beambench.estimators import (
     Estimator,
     estimator,
@@ -87,16 +88,16 @@ def test_faulty_plugin_is_refused(what: str) -> None:
         return HOSTILE[what](capture)  # type: ignore[no-any-return, no-untyped-call]
 
     marked = estimator("gated", cites="a plug-in of this test")(faulty)
-    with pytest.raises(InputError, match="estimator faulty"):
+    with pytest.raises(InputError, match="Estimator faulty"):
         run_estimator(marked, _capture())
 
 
 def test_unmarked_function_and_other_modality_are_refused() -> None:
     with pytest.raises(InputError, match="not a marked function"):
         run_estimator(lambda capture: _result(), _capture())
-    other = estimator("wavefront", cites="a plug-in of this test")(lambda capture: _result())
+    other = estimator("centroid", cites="a plug-in of this test")(lambda capture: _result())
     with pytest.raises(InputError, match="modality"):
-        run_estimator(Estimator("other", "wavefront", "x", other), _capture())
+        run_estimator(Estimator("other", stage_of("centroid"), "x", other), _capture())
     with pytest.raises(InputError):
         estimator("no-modality", cites="x")
     with pytest.raises(InputError):
@@ -113,7 +114,7 @@ def test_good_plugin_runs_and_a_duplicate_name_is_refused(monkeypatch: pytest.Mo
         clash = [EntryPoint("parabola", here, "g"), EntryPoint("third", here, "g")]
         monkeypatch.setattr(registry, "entry_points", lambda group: clash)
         registry._plugins_on.cache_clear()
-        with pytest.raises(InputError, match="two estimators are named parabola"):
+        with pytest.raises(InputError, match="Two estimators are named parabola"):
             list_estimators()
         broken = [EntryPoint("gone", "no_such_module_here:f", "g")]
         monkeypatch.setattr(registry, "entry_points", lambda group: broken)
@@ -149,7 +150,7 @@ def test_an_estimator_may_need_a_kind_of_rig() -> None:
         raise AssertionError("never called")
 
     found = Estimator(
-        "picky", "gated", "a test", picky, needs=(("kind", "gated"), ("detector.readout.kind", "counting"))
+        "picky", stage_of("gated"), "a test", picky, needs=(("kind", "gated"), ("detector.readout.kind", "counting"))
     )
     assert found.unfit(_capture()) == "reads rigs whose detector.readout.kind is counting, not None"
     # Told by the declared rig alone, not by the counts; a rig that is no JSON is none that it reads.
@@ -160,5 +161,5 @@ def test_an_estimator_may_need_a_kind_of_rig() -> None:
     with pytest.raises(InputError, match=r"camera\.rows is many, not 3"):
         run_estimator(picky, _capture())
     assert get_estimator("weighted-average").unfit(_capture()) == ""
-    with pytest.raises(InputError, match="not of the instrument"):
+    with pytest.raises(InputError, match="cannot need the name"):
         estimator("gated", cites="a test", needs={"name": "object1"})

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from beambench.benchmarks.bounds.dispatch import cramer_rao_bound
+from beambench.benchmarks.judges.bound import cramer_rao_bound
 from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
 from beambench.generator.gated.direct import response_width_s

@@ -18,7 +18,12 @@ from beambench.scenes.load import load_scene
 def test_the_example_estimates(project: Path, tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", (project / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
     file = tmp_path / "half_sum.py"
-    file.write_text(code.replace("from .", "from beambench.estimators."), encoding="utf-8")
+    file.write_text(
+        code.replace("from ..", "from beambench.estimators.").replace(
+            "from .tools", "from beambench.estimators.gated.tools"
+        ),
+        encoding="utf-8",
+    )
     spec = importlib.util.spec_from_file_location("half_sum", file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -83,12 +83,12 @@ def test_every_import_points_down(project: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "target"),
     [
-        ("from ..generator import trace", "generator"),
-        ("from .. import generator", "generator"),
-        ("def f():\n    from ..generator.trace import hits", "generator"),
+        ("from ...generator import trace", "generator"),
+        ("from ... import generator", "generator"),
+        ("def f():\n    from ...generator.trace import hits", "generator"),
         ("import beambench.benchmarks.runner.session as r", "benchmarks"),
         ("from beambench import generate", "api"),
-        ("import importlib\nimportlib.import_module('..generator.trace', __package__)", "generator"),
+        ("import importlib\nimportlib.import_module('...generator.trace', __package__)", "generator"),
         ("TABLE = {'x': 'beambench.generator.rays.trace:hits'}", "generator"),
     ],
 )

@@ -15,7 +15,7 @@ import pytest
 from beambench.benchmarks.report.data import base_cells, cells_of, read_scores
 from beambench.benchmarks.report.front import mark_front
 from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
-from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, range_limits
+from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, value_limits
 from beambench.benchmarks.report.text import closing_lines, number, rank, rate, summary, time_text
 
 from . import _api_fixtures as made_up
@@ -274,8 +274,8 @@ def test_one_bad_estimator_does_not_wash_out_the_rest() -> None:
     assert error_limit(good) == pytest.approx(5e-3)
     assert error_limit([*good, _picture(1.0)]) == pytest.approx(5e-3)
     assert error_limit([_picture(0.0)]) > 0
-    assert range_limits(np.full((4, 4), np.nan)) == (0.0, 1.0)
-    assert range_limits(np.full((4, 4), 5.0)) == pytest.approx((4.995, 5.005))
+    assert value_limits(np.full((4, 4), np.nan), 0.01) == (0.0, 1.0)
+    assert value_limits(np.full((4, 4), 5.0), 0.01) == pytest.approx((4.995, 5.005))
 
 
 def test_ticks_and_limits() -> None:

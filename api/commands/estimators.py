@@ -120,7 +120,7 @@ def score(
         print_json({"out": folder, "rows": score_records(table.to_dict(orient="records"))})
         return 0
     cells = cells_of(table)
-    factor, unit = unit_scale(cells[0].unit)
+    factor, unit = unit_scale(cells[0])
     print_table(
         (
             "estimator",

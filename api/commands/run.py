@@ -72,7 +72,7 @@ def run(
     from ..benchmarks.folders.progress import terminal_progress
     from ..benchmarks.report.data import read_scores
     from ..benchmarks.report.text import closing_lines
-    from ..benchmarks.scores.skips import skips_of
+    from ..benchmarks.statistics.skips import skips_of
     from ..scenes.overrides import parse_assignments
     from ..verbs.run import run as verb
 

@@ -104,15 +104,15 @@ def _check(folder: Path, sha256: str, data: str | Path) -> None:
 
 def _finished(path: Path, label: str, captures: CaptureSet) -> bool:
     """Whether a file holds an estimator's answers to all of the captures; a failure is tried anew."""
-    from ..benchmarks.runner.protocol import RESULT
     from ..captures.estimates import read_estimates
+    from ..captures.sizes import sizes_of
     from ..scenes.errors import InputError
 
     if not path.is_file():
         return False
-    shape = tuple(int(captures.load(0).sizes[dim]) for dim in RESULT[captures.modality][1])
+    sizes = sizes_of(captures.load(0))
     try:
-        found = read_estimates(path, len(captures), shape, modality=captures.modality, captures_sha256=captures.sha256)
+        found = read_estimates(path, len(captures), sizes, modality=captures.modality, captures_sha256=captures.sha256)
     except InputError:
         return False
     return found.label == label and all(status == "ok" or status.startswith("skip:") for status in found.status)
@@ -121,11 +121,12 @@ def _finished(path: Path, label: str, captures: CaptureSet) -> bool:
 def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Progress) -> Iterator[Estimates]:
     """What each estimator answers to all captures, one estimator after the other."""
     from ..benchmarks.folders.kinds import slug
-    from ..benchmarks.runner.protocol import RESULT, write_capture, write_meta
+    from ..benchmarks.runner.protocol import write_capture, write_meta
     from ..benchmarks.runner.session import Job, Outcome, run_jobs
     from ..benchmarks.runner.spool import unusable
     from ..captures.estimates import Estimates
     from ..captures.hide import hide_truth
+    from ..captures.sizes import sizes_of
 
     if not labels:
         return
@@ -143,8 +144,8 @@ def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Prog
                 write_meta(place, hidden, "matched")
             except OSError as error:
                 raise unusable(error) from error
-            shape = tuple(int(hidden.sizes[dim]) for dim in RESULT[captures.modality][1])
-            jobs.append(Job(index, place, "matched", str(hidden.attrs["modality"]), shape))
+            sizes = sizes_of(hidden)
+            jobs.append(Job(index, place, "matched", str(hidden.attrs["modality"]), sizes))
         done = 0
         for label in labels:
             outcomes: list[Outcome] = []
@@ -165,4 +166,5 @@ def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Prog
                 [o.peak_bytes for o in outcomes],
                 [o.status for o in outcomes],
                 captures.sha256,
+                outcomes[0].stage.word,
             )

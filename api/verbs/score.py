@@ -51,24 +51,21 @@ def score(
 
 def _rows(data: str | Path, estimates: str | Path, failure_at: float | None) -> list[dict[str, Any]]:
     """Rows of scores.csv: every file of estimates on every capture."""
-    from ..benchmarks.bounds.dispatch import SCORED, bound_of
-    from ..benchmarks.runner.protocol import RESULT
-    from ..benchmarks.scores.score import score_rows, truth_of
+    from ..benchmarks.judges import judge_of
+    from ..benchmarks.judges.bound import bounds_of, truths_of
+    from ..benchmarks.scores.score import score_rows
     from ..captures import open_captures
     from ..captures.estimates import list_estimates, read_estimates
+    from ..captures.sizes import sizes_of
     from ..estimators.labels import parse_label
     from ..scenes.errors import InputError
 
     captures = open_captures(data)
     first = captures.load(0)
-    if captures.modality not in SCORED:
-        raise InputError(
-            "This version does not score such captures.", where=str(data), value=captures.modality,
-            allowed=", ".join(SCORED),
-        )  # fmt: skip
-    shape = tuple(int(first.sizes[dim]) for dim in RESULT[captures.modality][1])
+    judge_of(captures.modality)
+    sizes = sizes_of(first)
     tables = [
-        read_estimates(path, len(captures), shape, modality=captures.modality, captures_sha256=captures.sha256)
+        read_estimates(path, len(captures), sizes, modality=captures.modality, captures_sha256=captures.sha256)
         for path in list_estimates(Path(estimates))
     ]
     labels = [table.label for table in tables]
@@ -85,7 +82,7 @@ def _rows(data: str | Path, estimates: str | Path, failure_at: float | None) -> 
             raise InputError(
                 "The capture holds no truth to score against.", where=f"{data}, capture {index}", value="none"
             )
-        truth, bound = truth_of(capture), bound_of(capture)
+        truth, bound = truths_of(capture), bounds_of(capture)
         for table in tables:
             name, _, params = table.label.partition("[")
             parse_label(table.label)
@@ -98,12 +95,12 @@ def _rows(data: str | Path, estimates: str | Path, failure_at: float | None) -> 
                 "level2": math.nan,
                 "seed": int(capture.attrs.get("seed", index)),
                 "condition": "matched",
-                "stage": "range",
                 "estimator": name,
                 "params": params.removesuffix("]"),
             }
             rows += score_rows(
                 key,
+                table.gives,
                 truth,
                 bound,
                 table.arrays[index],
@@ -112,7 +109,6 @@ def _rows(data: str | Path, estimates: str | Path, failure_at: float | None) -> 
                 wall_s=table.wall_s[index],
                 peak_bytes=table.peak_bytes[index],
                 failure_at=failure_at,
-                modality=captures.modality,
             )
     return rows
 

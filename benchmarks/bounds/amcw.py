@@ -22,7 +22,7 @@ from ...optics.likelihood.model import NoiseModel
 from ...scenes.rigs.amcw import AmcwRig
 from ...scenes.rigs.declare import group_index
 from ...scenes.scene import amcw_rig
-from ..scores.score import Bound
+from ..scores.truth import Bound
 from .instrument import bounded, true_scene, unbounded
 from .waveform import profiled_sigma
 
@@ -34,7 +34,7 @@ Float = npt.NDArray[np.float64]
 def amcw_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated AMCW capture.
 
-    `response_m` is the standard deviation of half the shortest modulation wavelength, λ_m/(2√12): an answer that is
+    `scale` is the standard deviation of half the shortest modulation wavelength, λ_m/(2√12): an answer that is
     wrong by a cycle counts as failed. `kind` is "exact", or "quasi" where the power fluctuates per shot; "none" without
     true scene and amplitude, with scales from the declared rig. Raises InputError for a true scene that is none, or a rig
     that does not declare what is needed.
@@ -47,8 +47,8 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     index = group_index(scene.medium, rig.laser.wavelength_m)
     half = C_M_PER_S / (2.0 * index)
     frequency = np.asarray(rig.modulation.frequencies_hz, np.float64)
-    response_m = _response_m(frequency, index)
-    window_m = rig.range_window_m[1] - rig.range_window_m[0]
+    scale = _shortest_scale(frequency, index)
+    window = rig.range_window_m[1] - rig.range_window_m[0]
     truth = np.asarray(capture["truth_range"].values, np.float64)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
     background = background_of(capture, rig)
@@ -61,18 +61,18 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     information = np.asarray(information_table(amcw_noise(rig))(mean), np.float64)
     sigma = profiled_sigma(information, gradient)
     kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
-    return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, response_m, window_m)
+    return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, scale, window)
 
 
-def _response_m(frequency: Float, index: float) -> float:
+def _shortest_scale(frequency: Float, index: float) -> float:
     return float(modulation_wavelength(frequency.max(), index)) / (2.0 * math.sqrt(12.0))
 
 
 def _declared_scales(rig: dict[str, Any]) -> tuple[float, float]:
-    """(response_m, window_m) of the declared modulation and range window."""
+    """(scale, window) of the declared modulation and range window."""
     frequency = np.asarray(rig["modulation"]["frequencies_hz"], np.float64)
     near, far = (float(value) for value in rig["range_window_m"])
-    return _response_m(frequency, float(rig["medium"]["group_index"])), far - near
+    return _shortest_scale(frequency, float(rig["medium"]["group_index"])), far - near
 
 
 def amcw_noise(rig: AmcwRig) -> NoiseModel:

@@ -29,7 +29,7 @@ from ...optics.likelihood.fisher_table import information_table
 from ...scenes.rigs.declare import group_index
 from ...scenes.rigs.gated import GatedRig
 from ...scenes.scene import gated_rig
-from ..scores.score import Bound
+from ..scores.truth import Bound
 from .instrument import (
     bounded,
     gate_offsets,
@@ -75,24 +75,24 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     half = C_M_PER_S / (2.0 * n_g)
     sigma_r = response_std_s(tables)
     delay = np.asarray(capture["delay"].values, np.float64)
-    response_m = half * sigma_r
-    window_m = _window(delay, half, response_m)
+    scale = half * sigma_r
+    window = _window(delay, half, scale)
     truth = np.asarray(capture["truth_range"].values, np.float64)
     sigma = _sigma(capture, truth, rig, tables, n_g)
-    return Bound(sigma, _kind(capture, rig), response_m, window_m)
+    return Bound(sigma, _kind(capture, rig), scale, window)
 
 
-def _window(delay: Float, half: float, response_m: float) -> float:
-    return half * float(delay.max() - delay.min()) + math.sqrt(12.0) * response_m
+def _window(delay: Float, half: float, scale: float) -> float:
+    return half * float(delay.max() - delay.min()) + math.sqrt(12.0) * scale
 
 
 def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
-    """(response_m, window_m) of the declared samples, each read with straight lines: R's variance is the sum of theirs."""
+    """(scale, window) of the declared samples, each read with straight lines: R's variance is the sum of theirs."""
     half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
     jitter = float(rig["laser"]["jitter_shot_s"])
     pulse = samples_variance_s2(rig["pulse"]) + jitter**2
-    response_m = half * math.sqrt(max(pulse + samples_variance_s2(gate) for gate in rig["gates"]))
-    return response_m, _window(np.asarray(capture["delay"].values, np.float64), half, response_m)
+    scale = half * math.sqrt(max(pulse + samples_variance_s2(gate) for gate in rig["gates"]))
+    return scale, _window(np.asarray(capture["delay"].values, np.float64), half, scale)
 
 
 def _kind(capture: xr.Dataset, rig: GatedRig) -> str:

@@ -25,7 +25,7 @@ from ...scenes.rigs.declare import optics_gate, optics_pulse
 from ...scenes.rigs.gated import GatedRig
 from ...scenes.sampling import response_table
 from ...scenes.scene import Scene
-from ..scores.score import Bound
+from ..scores.truth import Bound
 
 __all__ = [
     "bounded", "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay",
@@ -64,23 +64,23 @@ def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[floa
     """The `Bound` of a capture that asserts none: kind "none", NaN for every element.
 
     Main arguments:
-        scales: declared rig -> (response_m, window_m). Raises InputError where the rig declares less than that takes.
+        scales: declared rig -> (scale, window). Raises InputError where the rig declares less than that takes.
     """
     rig = _declared(capture)
     try:
-        response_m, window_m = scales(rig)
+        scale, window = scales(rig)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(
             "The declared rig does not tell the scale of failure.", where="attribute rig",
             value=f"{type(error).__name__}: {error}",
             next_step="declare pulse, gates and medium as `beambench generate` does",
         ) from error  # fmt: skip
-    if not (math.isfinite(response_m) and response_m > 0 and math.isfinite(window_m) and window_m > 0):
+    if not (math.isfinite(scale) and scale > 0 and math.isfinite(window) and window > 0):
         raise InputError(
-            "The declared rig has no scale of failure.", where="attribute rig", value=(response_m, window_m),
+            "The declared rig has no scale of failure.", where="attribute rig", value=(scale, window),
             allowed="a response and a range window above 0 m",
         )  # fmt: skip
-    return Bound(np.full(capture["truth_range"].shape, np.nan), "none", response_m, window_m)
+    return Bound(np.full(capture["truth_range"].shape, np.nan), "none", scale, window)
 
 
 def gated_responses(rig: GatedRig, rtol: float) -> list[correlation.Table]:

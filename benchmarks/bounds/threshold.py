@@ -15,13 +15,12 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from .bayes import posterior_square
-from .scan import Scan, scan_of
+from .scan import Scan
 from .ziv_zakai import REACHED, REGULAR, Arc, curvature, local_bound
 
-__all__ = ["ThresholdTable", "threshold_table"]
+__all__ = ["ThresholdTable", "table_of"]
 
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
@@ -179,14 +178,6 @@ def _place(x: Float, lowest: int) -> tuple[Int, Float]:
     x = np.maximum(x, lowest)
     i = np.floor(x)
     return i.astype(np.int64), x - i
-
-
-def threshold_table(capture: xr.Dataset) -> ThresholdTable:
-    """The table of a generated capture's rig, shared by all captures of equal rig, delays and background's shape.
-
-    Raises InputError where the capture lacks its true scene or amplitudes.
-    """
-    return table_of(scan_of(capture))
 
 
 def table_of(scan: Scan) -> ThresholdTable:

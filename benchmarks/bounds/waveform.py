@@ -28,7 +28,7 @@ from ...scenes.rigs.declare import group_index
 from ...scenes.rigs.declare_waveform import shown_pulse
 from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
 from ...scenes.scene import waveform_rig
-from ..scores.score import Bound
+from ..scores.truth import Bound
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 
 __all__ = ["analog_noise", "profiled_sigma", "waveform_bound"]
@@ -81,8 +81,8 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     table = tabulate(pulse, waveforms.RectangularGate(step, 1.0), _RTOL)
     half = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
     time = np.asarray(capture["time"].values, np.float64) - float(json.loads(capture.attrs["rig"])["t0_s"]) + rig.t0_s
-    response_m = half * response_std_s([table])
-    window_m = half * (float(time[-1] - time[0]) + step)
+    scale = half * response_std_s([table])
+    window = half * (float(time[-1] - time[0]) + step)
     truth = np.asarray(capture["truth_range"].values, np.float64)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
     background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
@@ -93,16 +93,16 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
     sigma = profiled_sigma(_information(rig, mean), gradient)
     kind = "quasi" if rig.laser.energy_fluctuation > 0 or rig.laser.jitter_shot_s > 0 else "exact"
-    return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, response_m, window_m)
+    return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, scale, window)
 
 
 def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
-    """(response_m, window_m) of the declared response, seen through one sampling interval."""
+    """(scale, window) of the declared response, seen through one sampling interval."""
     half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
     step = float(rig["record"]["step_s"])
     time = np.asarray(capture["time"].values, np.float64)
-    response_m = half * math.sqrt(samples_variance_s2(rig["response"]) + step**2 / 12.0)
-    return response_m, half * (float(time[-1] - time[0]) + step)
+    scale = half * math.sqrt(samples_variance_s2(rig["response"]) + step**2 / 12.0)
+    return scale, half * (float(time[-1] - time[0]) + step)
 
 
 def _share(table: Table, u: Float) -> tuple[Float, Float]:

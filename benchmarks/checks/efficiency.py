@@ -4,7 +4,7 @@
 
 A cell is a response, the photoelectrons N of an echo summed over the stack, the background of all slices as a share of N,
 the delays' step in units of σ_R, and the read noise. Echoes lie anywhere in the window's inside, R whole. Captures are
-written from closed forms (`written`), the bound is the one that scores use (`dispatch.bound_of`).
+written from closed forms (`written`), the bound is the one that scores use (`judges.bound.bound_of`).
 
 Columns: bound_kind ("exact": the cell is regular); threshold, the least N at which 99 % of the delays are; coverage;
 efficiency = bound²/mean square error with its 95 % interval (4 % wide by the number of echoes); z_rms; bias: the mean
@@ -26,8 +26,8 @@ import numpy.typing as npt
 
 from ...scenes.load import load_scene
 from ...scenes.scene import Scene, gated_rig
-from ..bounds.dispatch import bound_of
-from ..scores.score import Bound
+from ..judges.bound import bound_of
+from ..scores.truth import Bound
 from ..written.gated import response_area_s, written_capture
 
 __all__ = [
@@ -127,7 +127,7 @@ def _ranges(scene: Scene, width_s: float, rng: np.random.Generator) -> Float:
 
 def threshold_photons(cell: Cell) -> float:
     """The least N, at the cell's background in electrons per slice over N, at which 99 % of inner delays are regular."""
-    from ..bounds.threshold import threshold_table
+    from ..judges.bound import threshold_table
 
     scene = cell_scene(cell, 1, 1)
     capture = written_capture(scene, 1.0, 1.0, 5.0)

@@ -24,8 +24,8 @@ import numpy as np
 
 from ...optics.constants import C_M_PER_S
 from ...scenes.scene import gated_rig
-from ..bounds.scan import scan_of
 from ..bounds.ziv_zakai import local_bound
+from ..judges.bound import scan_of
 from ..written.gated import response_area_s, written_capture
 from .efficiency import Cell, cell_levels, cell_scene
 

@@ -192,6 +192,7 @@ def measure_scaling(
     A size at which the estimator fails is a `Cost` with its status. Raises InputError for sizes that are too few.
     """
     from ...captures.hide import hide_truth
+    from ...captures.sizes import sizes_of
     from ..folders.record import machine
     from ..runner.protocol import write_capture, write_meta
     from ..runner.session import Job, Outcome, run_jobs
@@ -206,14 +207,14 @@ def measure_scaling(
     costs: list[Cost] = []
     with tempfile.TemporaryDirectory(prefix="beambench-scaling-") as scratch:
         base = Path(scratch)
-        shapes: dict[int, tuple[int, ...]] = {}
+        known: dict[int, tuple[str, dict[str, int]]] = {}
         for size in chosen:
             capture = hide_truth(_stack(axis, size, slices, pixels, electrons, rng))
             write_capture(base / str(size), capture)
             write_meta(base / str(size), capture, "matched")
-            shapes[size] = (int(capture.sizes["row"]), int(capture.sizes["col"]))
+            known[size] = str(capture.attrs["modality"]), sizes_of(capture)
         plan = [(repeat, int(size)) for repeat in range(repeats) for size in rng.permutation(chosen)]
-        jobs = [Job(index, base / str(size), "matched", "gated", shapes[size]) for index, (_, size) in enumerate(plan)]
+        jobs = [Job(index, base / str(size), "matched", *known[size]) for index, (_, size) in enumerate(plan)]
 
         def take(outcome: Outcome) -> None:
             repeat, size = plan[outcome.job.index]

@@ -25,78 +25,18 @@ What is left of the error, as the shift of R that a range sees (waveforms about 
 from __future__ import annotations
 
 import json
-from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
-from ...estimators.calibration.response import gate_from_scan, pulse_from_trace
-from ...optics.correlation import waveforms
-from ...scenes.rigs.declare import optics_gate, optics_pulse
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.scene import Scene, gated_rig, waveform_rig
+from ...scenes.scene import Scene
 from ..suites.spec import Calibration
 from ..suites.suite import CELL_NONE, Cell, capture_key
+from . import judge_of
 
-__all__ = ["Calibrations", "Record", "calibrated_rig", "record_gate", "record_pulse"]
-
-Float = npt.NDArray[np.float64]
-
-
-class Record(IntEnum):
-    """What is recorded: the stage in its random stream's name. Never renumber; apart from the generator's stages."""
-
-    PULSE = 101
-    GATE = 102
+__all__ = ["Calibrations", "calibrated_rig"]
 
 
-#: Dark counts per sample, as a fraction of the brightest sample's.
-_DARK = 1e-3
-#: Empty room on both sides of a record, in lengths of the shape: a laboratory does not know where it ends.
-_MARGIN = 0.5
-
-
-def _grid(low: float, high: float, step: float) -> Float:
-    length = high - low
-    first = np.floor((low - _MARGIN * length) / step)
-    last = np.ceil((high + _MARGIN * length) / step)
-    return np.asarray(np.arange(first, last + 1) * step, np.float64)
-
-
-def record_pulse(
-    pulse: waveforms.Pulse, step_s: float, photoelectrons: float, rng: np.random.Generator
-) -> tuple[Float, Float]:
-    """(time, counts) of a pulse in bins of `step_s` centred at `time`; the clock's zero is the pulse's centroid."""
-    time = _grid(*_core(waveforms.pulse_support(pulse), waveforms.pulse_variance(pulse)), step_s)
-    edge = np.append(time - 0.5 * step_s, time[-1] + 0.5 * step_s)
-    mean = photoelectrons * np.maximum(-np.diff(waveforms.pulse_part(pulse).upper(edge)), 0.0)
-    mean = mean + _DARK * mean.max()
-    return time, rng.poisson(mean).astype(np.float64)
-
-
-def _core(support: tuple[float, float], variance: float) -> tuple[float, float]:
-    """The support, cut at 6 standard deviations where it is longer: tails far below one count are not recorded."""
-    reach = 6.0 * float(np.sqrt(variance))
-    return max(support[0], -reach), min(support[1], reach)
-
-
-def record_gate(
-    gate: waveforms.Gate, step_s: float, photoelectrons: float, rng: np.random.Generator
-) -> tuple[Float, Float]:
-    """(delay, counts) of a gate scanned in steps of `step_s`; `photoelectrons` per step at transmission 1.
-
-    Each step sees the gate through the hat that spans the steps beside it, so that the record read with straight lines
-    keeps the gate's area and centroid, and a jump its place: sampled at points, a jump between two of them, or on one, is
-    read up to half a step away.
-    """
-    delay = _grid(*waveforms.gate_support(gate), step_s)
-    edge = np.concatenate([[delay[0] - step_s], delay, [delay[-1] + step_s]])
-    seen = sum(np.diff(part.upper2(edge), n=2) for part in waveforms.gate_parts(gate)) / step_s**2
-    mean = photoelectrons * np.clip(seen, 0.0, 1.0)
-    return delay, rng.poisson(mean + _DARK * mean.max()).astype(np.float64)
-
-
-def _generator(calibration: Calibration, seed: int, key: int, record: Record, block: int = 0) -> np.random.Generator:
+def _generator(calibration: Calibration, seed: int, key: int, record: int, block: int = 0) -> np.random.Generator:
     """The random generator of one record: named by what is drawn, as all randomness, and by the calibration's seed."""
     sequence = np.random.SeedSequence((calibration.seed, seed), spawn_key=(key, int(record), block))
     return np.random.Generator(np.random.PCG64(sequence))
@@ -119,42 +59,20 @@ class Calibrations:
 
 
 def calibrated_rig(scene: Scene, declared: str, calibration: Calibration, *, seed: int = 0, key: int = 0) -> str:
-    """The declared rig (JSON) with pulse and gate samples recovered from simulated records of the true ones.
+    """The declared rig (JSON) with what a calibration recovers from simulated records of the true instrument.
 
     Main arguments:
         scene: its rig is what is recorded. declared: the capture's attribute `rig`. calibration: photons and seed.
     Other arguments:
         seed, key: name the draw, as a capture's do: SeedSequence((calibration.seed, seed), spawn_key=(key, record, gate)).
 
-    A waveform rig's response is the pulse as its own detector shows it: that is recorded, and keeps its declared mean
-    time. An AMCW rig declares no waveform, so that nothing of it changes.
+    A rig that declares nothing to be recovered stays as it is.
     """
-    if scene.modality == "waveform":
-        return _calibrated_waveform(scene, declared, calibration, _generator(calibration, seed, key, Record.PULSE))
-    if scene.modality == "amcw":
+    calibrate = judge_of(scene.modality).calibrate
+    if calibrate is None:
         return declared
-    rig = json.loads(declared)
-    step = float(rig["pulse"]["step_s"])
-    rng = _generator(calibration, seed, key, Record.PULSE)
-    time, counts = record_pulse(optics_pulse(gated_rig(scene).laser.pulse), step, calibration.pulse_photoelectrons, rng)
-    rig["pulse"] = pulse_from_trace(float(time[0]), step, counts)
-    gates = []
-    for block, (gate, old) in enumerate(zip(gated_rig(scene).gates, rig["gates"], strict=True)):
-        rng = _generator(calibration, seed, key, Record.GATE, block)
-        delay, counts = record_gate(optics_gate(gate), step, calibration.gate_photoelectrons, rng)
-        # The scan tells the shape; the height belongs to the photon transfer, which the declared rig already holds.
-        gates.append(gate_from_scan(float(delay[0]), step, counts, transmission=max(old["value"])))
-    rig["gates"] = gates
-    return json.dumps(rig, allow_nan=False)
-
-
-def _calibrated_waveform(scene: Scene, declared: str, calibration: Calibration, rng: np.random.Generator) -> str:
-    rig = json.loads(declared)
-    old = rig["response"]
-    step, weight = float(old["step_s"]), np.asarray(old["value"], np.float64)
-    mean_time = float(old["start_s"]) + step * float((np.arange(weight.size) * weight).sum() / weight.sum())
-    pulse, _ = shown_pulse(waveform_rig(scene))
-    time, counts = record_pulse(pulse, step, calibration.pulse_photoelectrons, rng)
-    found = pulse_from_trace(float(time[0]), step, counts)
-    rig["response"] = found | {"start_s": found["start_s"] + mean_time}
+    rig = calibrate(
+        scene, json.loads(declared), calibration,
+        lambda record, block: _generator(calibration, seed, key, record, block),
+    )  # fmt: skip
     return json.dumps(rig, allow_nan=False)

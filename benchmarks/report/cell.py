@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..scores.skips import not_applicable
+from ...captures.layouts import LAYOUTS, layout_of
+from ..statistics.skips import not_applicable
 
 __all__ = ["FAILS_ABOVE", "Cell"]
 
@@ -88,8 +89,8 @@ class Cell:
 
     @property
     def noun(self) -> str:
-        """What an element is called: a pixel of a gated camera."""
-        return "pixel" if self.modality == "gated" else "element"
+        """What an element is called, such as a pixel or a shot."""
+        return layout_of(self.modality).noun if self.modality in LAYOUTS else "element"
 
     @property
     def place(self) -> str:

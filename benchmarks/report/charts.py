@@ -54,7 +54,7 @@ def speed_accuracy_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
 def _panel(cells: list[Cell], *, page: bool) -> Any:
     import altair as alt
 
-    factor, unit = unit_scale(cells[0].unit)
+    factor, unit = unit_scale(cells[0])
     drawn = [c for c in cells if c.ok and c.cpu_per_element_s > 0 and c.rmse_full > 0]
     conditions = sorted({c.condition for c in cells}, key=lambda name: (name != "matched", name))
     drawn.sort(key=lambda c: conditions.index(c.condition))

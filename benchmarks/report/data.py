@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...captures.layouts import LAYOUTS, layout_of
 from ...scenes.errors import InputError
 from ..statistics.pooled import bias_is_real, weakest_kind
 from .cell import Cell
@@ -25,6 +26,7 @@ __all__ = [
     "read_run",
     "read_scores",
     "seeds_of",
+    "shown_as",
     "unit_scale",
 ]
 
@@ -248,6 +250,15 @@ def base_cells(cells: list[Cell]) -> list[Cell]:
     return [cell for cell in plain if not cell.stressed] or plain
 
 
-def unit_scale(unit: str) -> tuple[float, str]:
-    """Factor and unit in which a quantity is shown: metres as millimetres, all else as it is."""
-    return (1e3, "mm") if unit == "m" else (1.0, unit)
+def unit_scale(cell: Cell) -> tuple[float, str]:
+    """Factor and unit in which people read a cell's quantity; as the table has it where the quantity is unknown here."""
+    return shown_as(cell.modality, cell.quantity, cell.unit)
+
+
+def shown_as(modality: str, quantity: str, unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read a quantity of a modality; `unit` where this version does not know it."""
+    if modality in LAYOUTS:
+        for known in layout_of(modality).quantities:
+            if known.name == quantity.removesuffix("-mixed") and unit in ("", known.unit):
+                return known.display
+    return 1.0, unit

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..scores.costs import cost_interval
+from ..runner.costs import cost_interval
 from ..scores.error_tiles import TileKey
 from ..statistics.front import classify, interval_order, lower_left, paired_order, ratio_interval
 from .cell import Cell

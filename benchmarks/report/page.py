@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..folders.files import write_text
-from ..scores.costs import read_costs
+from ..runner.costs import read_costs
 from ..scores.error_tiles import read_tiles
 from .breakdown import page_section
 from .charts import panel_title, panels_of, save_charts, speed_accuracy_spec, stress_groups, stress_spec
@@ -22,10 +22,10 @@ from .pictures import (
     data_uri,
     error_limit,
     png,
-    range_limits,
     read_pictures,
+    value_limits,
 )
-from .ranking import RANKING_HEAD, ranking_section
+from .ranking import ranking_section
 from .table import score_table
 from .text import failures_of, number, rank, rate, skips_of_cells, summary, time_text
 
@@ -64,13 +64,12 @@ def write_report(run_dir: str | Path) -> Path:
         stresses=_stresses(cells),
         chart_svg=chart,
         table=score_table(cells),
-        unit=unit_scale(base[0].unit)[1] if base else "",
+        unit=unit_scale(base[0])[1] if base else "",
         noun=base[0].noun if base else "element",
         scenes=_scenes(pictures, [r.label for r in rank(base)]),
         breakdown=page_section(folder),
         failures=_failures(cells, run),
         ranking=ranking_section(folder),
-        ranking_head=RANKING_HEAD,
         skipped=list(skips_of_cells(cells).items()),
         cached=sum(row["source"] == "cache" for row in costs),
         timed=len(costs),
@@ -130,7 +129,7 @@ def _panels(cells: list[Cell]) -> list[dict[str, Any]]:
     panels = panels_of(cells)
     result = []
     for position, (panel, group) in enumerate(panels.items()):
-        factor, unit = unit_scale(panel[3])
+        factor, unit = unit_scale(group[0])
         drawn = [c for c in group if c.ok and c.cpu_per_element_s > 0 and c.rmse_full > 0]
         words = [f"{c.label} {number(c.rmse_full * factor)} {unit} at {time_text(c.cpu_per_element_s)}" for c in drawn]
         result.append(
@@ -163,7 +162,9 @@ def _scenes(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]]:
     result = []
     for (scene, condition), group in scenes.items():
         group.sort(key=lambda p: order.index(p.estimator) if p.estimator in order else len(order))
-        lo, hi = range_limits(group[0].truth)
+        first = group[0]
+        factor, unit = first.shown
+        lo, hi = value_limits(first.truth, 10.0 / factor)
         limit = error_limit(group)
         entries = []
         for picture in group:
@@ -174,7 +175,7 @@ def _scenes(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]]:
             entries.append(
                 {
                     "label": picture.estimator,
-                    "range": data_uri(png(_where(picture.range, picture.valid), lo, hi, SEQUENTIAL, answered=answered)),
+                    "value": data_uri(png(_where(picture.value, picture.valid), lo, hi, SEQUENTIAL, answered=answered)),
                     "error": data_uri(
                         png(_where(picture.error, picture.valid), -limit, limit, DIVERGING, answered=answered)
                     ),
@@ -188,10 +189,13 @@ def _scenes(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]]:
                 "condition": condition,
                 "truth": data_uri(png(group[0].truth, lo, hi, SEQUENTIAL)),
                 "entries": entries,
-                "range_bar": css_gradient(SEQUENTIAL),
+                "quantity": first.quantity,
+                "unit": first.unit,
+                "error_unit": unit,
+                "value_bar": css_gradient(SEQUENTIAL),
                 "error_bar": css_gradient(DIVERGING),
-                "range_ticks": _range_ticks(lo, hi),
-                "error_ticks": [f"−{limit * 1e3:g}", "0", f"+{limit * 1e3:g}"],
+                "value_ticks": _value_ticks(lo, hi),
+                "error_ticks": [f"−{limit * factor:g}", "0", f"+{limit * factor:g}"],
             }
         )
     return result
@@ -203,7 +207,7 @@ def _where(values: Any, valid: Any) -> Any:
     return np.where(valid, values, np.nan)
 
 
-def _range_ticks(lo: float, hi: float) -> list[str]:
+def _value_ticks(lo: float, hi: float) -> list[str]:
     digits = 4 if hi - lo < 0.1 else 3 if hi - lo < 1 else 2
     return [f"{lo:.{digits}f}", f"{(lo + hi) / 2:.{digits}f}", f"{hi:.{digits}f}"]
 

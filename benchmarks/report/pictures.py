@@ -23,8 +23,8 @@ __all__ = [
     "data_uri",
     "error_limit",
     "png",
-    "range_limits",
     "read_pictures",
+    "value_limits",
 ]
 
 #: Anchors of viridis (Smith and van der Walt 2015, CC0): lightness rises evenly, also for the colour-blind and in grey.
@@ -60,19 +60,24 @@ INVALID = "#3a3a3a"
 _STEPS = 128  # colour steps: below what the eye tells apart, and noisy pictures compress to half the size of 254
 _MAX_SIDE = 320  # longest side of a picture in the page, pixels
 _MAX_ELEMENTS = 64 * 2**20
+_WORDS = ("scene", "estimator", "condition", "quantity", "unit")
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One estimator's answer on one capture: arrays (row, col); `range`, `truth`, `error` in m, NaN where none."""
+    """One estimator's answer on one capture: arrays (row, col); `value`, `truth`, `error` of `quantity` in `unit`, NaN where
+    there is none. `shown`: factor and unit in which people read an error."""
 
     scene: str
     estimator: str
     condition: str
-    range: NDArray[np.float32]
+    value: NDArray[np.float32]
     truth: NDArray[np.float32]
     error: NDArray[np.float32]
     valid: NDArray[np.bool_]
+    quantity: str = "range"
+    unit: str = "m"
+    shown: tuple[float, str] = (1e3, "mm")
 
 
 def read_pictures(folder: Path) -> list[Picture]:
@@ -88,45 +93,48 @@ def _read(path: Path) -> Picture:
     scene, _, estimator = path.stem.partition("__")
     try:
         with np.load(path, allow_pickle=False) as data:
-            arrays = {name: np.asarray(data[name]) for name in ("range", "truth", "error", "valid")}
-            words = {name: str(data[name]) for name in ("scene", "estimator", "condition") if name in data}
-    except (OSError, ValueError, KeyError, EOFError, zlib.error, NotImplementedError) as error:
+            first = "value" if "value" in data else "range"  # files of older runs hold ranges
+            arrays = {name: np.asarray(data[name]) for name in (first, "truth", "error", "valid")}
+            words = {name: str(data[name]) for name in _WORDS if name in data}
+            shown = tuple(map(str, data["shown"])) if "shown" in data else ("1e3", "mm")
+            scale = float(shown[0]), shown[1]
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zlib.error, NotImplementedError) as error:
         raise InputError("A picture file cannot be read.", where=str(path), value=str(error)) from error
-    shape = arrays["range"].shape
-    if (
-        len(shape) != 2
-        or not 0 < arrays["range"].size <= _MAX_ELEMENTS
-        or any(a.shape != shape for a in arrays.values())
-    ):
+    shape = arrays[first].shape
+    if len(shape) != 2 or not 0 < arrays[first].size <= _MAX_ELEMENTS or any(a.shape != shape for a in arrays.values()):
         raise InputError(
             "A picture file holds arrays of the wrong shape.",
             where=str(path),
             value={k: a.shape for k, a in arrays.items()},
-            allowed="range, truth, error and valid, all of one shape (row, col)",
+            allowed="value, truth, error and valid, all of one shape (row, col)",
         )
     return Picture(
         scene=words.get("scene", scene),
         estimator=words.get("estimator", estimator),
         condition=words.get("condition", ""),
-        range=arrays["range"].astype(np.float32),
+        value=arrays[first].astype(np.float32),
         truth=arrays["truth"].astype(np.float32),
         error=arrays["error"].astype(np.float32),
         valid=arrays["valid"].astype(bool),
+        quantity=words.get("quantity", "range"),
+        unit=words.get("unit", "m"),
+        shown=scale,
     )
 
 
-def range_limits(truth: NDArray[Any]) -> tuple[float, float]:
-    """Limits of the range scale, m: the truth's extremes, widened to at least 10 mm so that a flat wall stays flat."""
+def value_limits(truth: NDArray[Any], least: float) -> tuple[float, float]:
+    """Limits of the scale of values: the truth's extremes, widened to at least `least` so that a flat wall stays flat."""
     finite = truth[np.isfinite(truth)]
     if not finite.size:
         return 0.0, 1.0
     lo, hi = float(finite.min()), float(finite.max())
-    middle, half = (lo + hi) / 2, max((hi - lo) / 2, 5e-3)
+    middle, half = (lo + hi) / 2, max((hi - lo) / 2, 0.5 * least)
     return middle - half, middle + half
 
 
 def error_limit(pictures: list[Picture]) -> float:
-    """Half width of the shared error scale, m: 3 × the lower quartile over estimators of their median |error|·1.4826.
+    """Half width of the shared error scale, in the quantity's unit: 3 × the lower quartile over estimators of their median
+    |error|·1.4826.
 
     Rounded up to 1, 2 or 5 times a power of ten. The quartile keeps bad estimators from washing out the good ones.
     """

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from ..scores.tables import read_numbers
-from .data import unit_scale
+from .data import shown_as
 from .text import number, plural, rate, span
 
-__all__ = ["RANKING_HEAD", "ranking_section", "read_ranking"]
+__all__ = ["ranking_section", "read_ranking"]
 
-RANKING_HEAD = ("rank", "estimator", "RMSE over scenes, mm", "coverage", "best on", "area of profile")
 _GROUP = ("modality", "stage", "quantity", "condition")
 _NUMBERS = (
     "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage", "coverage_lo",
@@ -29,7 +28,7 @@ def read_ranking(folder: Path) -> list[dict[str, Any]]:
 
 
 def ranking_section(folder: Path) -> list[dict[str, Any]]:
-    """One table per modality, quantity and condition: title, note and rows of text in the columns of `RANKING_HEAD`."""
+    """One table per modality, quantity and condition: title, note, column heads and rows of text."""
     groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for row in read_ranking(folder):
         if not row["quantity"].endswith("-mixed"):
@@ -40,12 +39,15 @@ def ranking_section(folder: Path) -> list[dict[str, Any]]:
         note = f"Over {plural(scenes, 'scene')} as written."
         if scenes < 6:
             note += " Ranks and intervals need six scenes or more: nothing is decided here beyond single scenes."
-        sections.append({"title": f"{key[0]}, {key[3]}", "note": note, "rows": [_row(row) for row in rows]})
+        factor, unit = shown_as(rows[0]["modality"], rows[0]["quantity"], rows[0].get("unit", ""))
+        head = ("rank", "estimator", f"RMSE over scenes, {unit}", "coverage", "best on", "area of profile")
+        sections.append({
+            "title": f"{key[0]}, {key[3]}", "note": note, "head": head, "rows": [_row(row, factor) for row in rows],
+        })  # fmt: skip
     return sections
 
 
-def _row(row: dict[str, Any]) -> list[str]:
-    factor, _ = unit_scale("m")
+def _row(row: dict[str, Any], factor: float) -> list[str]:
     low, high = int(row["rank_lo"]), int(row["rank_hi"])
     return [
         str(low) if low == high else f"{low} to {high}",

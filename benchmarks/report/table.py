@@ -15,7 +15,7 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
     rows = []
     scenes = list(dict.fromkeys(cell.scene for cell in cells))
     for cell in sorted(cells, key=lambda c: _table_key(c, scenes)):
-        factor, unit = unit_scale(cell.unit)
+        factor, unit = unit_scale(cell)
         stress = " ".join(filter(None, (cell.stress, cell.level, cell.stress2, cell.level2)))
         low, high = cell.efficiency_lo, cell.efficiency_hi
         efficiency = f" [{low:.2f}, {high:.2f}]" if low == low and high == high else ""

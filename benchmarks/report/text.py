@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from ..scores.skips import skip_reason
+from ..statistics.skips import skip_reason
 from .data import Cell, base_cells, cells_of, seeds_of, unit_scale
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def summary(table: pd.DataFrame) -> list[str]:
         ]
     best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
     example = min((c for c in base if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None)
-    factor, unit = unit_scale(example.unit if example else "")
+    factor, unit = unit_scale(example) if example else (1.0, "")
     detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
     near = f", {best.bound_ratio:.2f} times the exact bound in the mean" if math.isfinite(best.bound_ratio) else ""
     beaten, others = beaten_by_best(base, ranked)

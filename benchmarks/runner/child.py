@@ -106,31 +106,34 @@ def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, A
     }
 
 
-def _save(result: Any, folder: Path, shape: list[int], quantity: str, dims: list[str]) -> str:
-    """Write the result's arrays; returns what is wrong with it, or ""."""
+def _save(result: Any, folder: Path, stage: Any, sizes: dict[str, int]) -> str:
+    """Write the arrays of a stage's result; returns what is wrong with it, or ""."""
     import numpy as np
     import xarray as xr
+
+    from .protocol import misshapen
 
     if not isinstance(result, xr.Dataset):
         return f"returned {type(result).__name__}, not a Dataset"
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (quantity, "sigma", "valid"):
+    known = dict(sizes)
+    for name, dims in stage.dims().items():
         if name not in result:
             return f"no variable {name!r}"
         variable = result[name]
-        if list(map(str, variable.dims)) != dims:
-            return f"{name} has dims {tuple(map(str, variable.dims))}, not {tuple(dims)}"
-        if list(variable.shape) != shape:
-            return f"{name} has shape {tuple(variable.shape)}, not {tuple(shape)}"
+        if tuple(map(str, variable.dims)) != dims:
+            return f"{name} has dims {tuple(map(str, variable.dims))}, not {dims}"
+        if wrong := misshapen(name, dims, tuple(variable.shape), known):
+            return wrong
         if variable.dtype.kind not in "fbiu":
             return f"{name} is of type {variable.dtype}"
         np.save(folder / f"{name}.npy", np.ascontiguousarray(variable.values), allow_pickle=False)
     return ""
 
 
-def _bind(label: str) -> tuple[Callable[[Any], Any], str, Callable[[Any], str]]:
-    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), the
-    modality that it reads, and what tells why a capture's declared rig is none for it."""
+def _bind(label: str) -> tuple[Callable[[Any], Any], Any, Callable[[Any], str]]:
+    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), its stage,
+    and a function of a capture: the reason why the estimator cannot read it, or ""."""
     from ...estimators.labels import check_parameters, parse_label
     from ...estimators.registry import get_estimator
 
@@ -138,9 +141,16 @@ def _bind(label: str) -> tuple[Callable[[Any], Any], str, Callable[[Any], str]]:
     chosen = get_estimator(name)
     return (
         partial(chosen.function, **check_parameters(chosen.function, params, where=name)),
-        chosen.modality,
+        chosen.stage,
         chosen.unfit,
     )
+
+
+def _another(stage: Any, modality: str) -> str:
+    """Reason why estimators of a stage do not read captures of a modality, "" if they do."""
+    if stage.modality != modality:
+        return f"reads {stage.modality} captures, not {modality}"
+    return "" if stage.reads_captures else f"reads the results of another stage ({', '.join(stage.takes)}), no captures"
 
 
 def _home(label: str) -> str:
@@ -171,20 +181,20 @@ def main(arguments: list[str]) -> int:
     from .protocol import open_capture
 
     try:
-        call, modality, unfit = _bind(label)
+        call, stage, unfit = _bind(label)
     except BaseException as error:
         absent = missing_package(error, _home(label))
         tell(event="refused", message=f"skip: needs the package {absent}" if absent else describe(error))
         return 0
-    tell(event="started")
+    tell(event="started", stage=stage.word)
     warm = False
     capture: Any = None
     result: Any = None
     with os.fdopen(jobs_fd, encoding="utf-8") as jobs:
         for line in jobs:
             job = json.loads(line)
-            if job["modality"] != modality:
-                tell(event="skip", job=job["job"], message=f"reads {modality} captures, not {job['modality']}")
+            if reason := _another(stage, job["modality"]):
+                tell(event="skip", job=job["job"], message=reason)
                 continue
             try:
                 capture = open_capture(Path(job["input"]), job["condition"])
@@ -199,7 +209,7 @@ def main(arguments: list[str]) -> int:
                 if job["only_warm"]:
                     continue
                 result, figures = _measure(call, capture) if job["timed"] else (call(capture), {})
-                wrong = _save(result, Path(job["output"]), job["shape"], job["quantity"], job["dims"])
+                wrong = _save(result, Path(job["output"]), stage, job["sizes"])
             except MemoryError as error:
                 tell(event="memory", job=job["job"], message=describe(error))
             except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result

@@ -68,6 +68,7 @@ class Child:
         assert self.process.stdout is not None
         self.jobs, self.events, self.output = jobs_write, events_read, self.process.stdout.fileno()
         self.started = self.warm = False
+        self.stage = ""
         self.buffer = b""
         self.printed, self.tail = 0, b""
         self._descendants: list[Any] = []

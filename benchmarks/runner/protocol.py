@@ -15,16 +15,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-__all__ = [
-    "RESULT", "THREAD_VARIABLES", "file_sums", "open_capture", "read_results", "write_capture", "write_meta",
-]  # fmt: skip
+from ...captures.quantities import Quantity, Stage
 
-#: Per modality: the result's variable, and the dims of it, of `sigma` and of `valid`.
-RESULT: dict[str, tuple[str, tuple[str, ...]]] = {
-    "gated": ("range", ("row", "col")),
-    "waveform": ("range", ("shot",)),
-    "amcw": ("range", ("shot",)),
-}
+__all__ = ["THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "write_capture", "write_meta"]
+
+#: Longest dimension that an estimator may choose.
+_LONGEST = 65536
 
 #: Set to 1 in the child's environment, before anything is imported there.
 THREAD_VARIABLES = (
@@ -91,14 +87,35 @@ def file_sums(folder: Path) -> dict[str, int]:
     return {path.name: zlib.crc32(path.read_bytes()) for path in sorted(folder.iterdir())}
 
 
-def read_results(folder: Path, modality: str, shape: tuple[int, ...]) -> tuple[dict[str, np.ndarray], str]:
+def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]) -> str:
+    """What is wrong with the shape of one array of a result, or "".
+
+    Main arguments:
+        dims, shape: of the array `name`. sizes: known lengths of dimensions: the capture's, and those that arrays before this
+            one chose; a dimension that it lacks is added.
+    """
+    if len(shape) != len(dims):
+        return f"{name} has shape {shape}, not one length for each of {dims}"
+    for dim, length in zip(dims, shape, strict=True):
+        if dim not in sizes and not 0 < length <= _LONGEST:
+            return f"{name} has {length} of dimension {dim}, not 1 to {_LONGEST}"
+        sizes.setdefault(dim, length)
+    wanted = tuple(sizes[dim] for dim in dims)
+    return "" if shape == wanted else f"{name} has shape {shape}, not {wanted} {dims}"
+
+
+def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dict[str, np.ndarray], str]:
     """Read and check what a child wrote: (arrays, "") or ({}, what is wrong). Never unpickles; checks before it loads.
 
-    Checked: presence, shape, kind (floats, `valid` boolean), finite `range` and finite positive `sigma` where valid.
+    Main arguments:
+        stage: of the estimator. sizes: of the capture's dimensions.
+
+    Checked: presence, shape, kind (floats, `valid` boolean), finite values and finite positive `sigma` where valid.
     """
-    quantity, dims = RESULT[modality]
     arrays: dict[str, np.ndarray] = {}
-    for name in (quantity, "sigma", "valid"):
+    flags = {stage.variables(quantity).valid for quantity in stage.gives}
+    known = dict(sizes)
+    for name, dims in stage.dims().items():
         path = folder / f"{name}.npy"
         if not path.is_file() or os.path.islink(path):
             return {}, f"no variable {name!r}"
@@ -106,16 +123,26 @@ def read_results(folder: Path, modality: str, shape: tuple[int, ...]) -> tuple[d
             mapped = np.load(path, mmap_mode="r", allow_pickle=False)
         except (ValueError, OSError, EOFError) as error:
             return {}, f"{name} is not an array: {error}"
-        if mapped.shape != shape:
-            return {}, f"{name} has shape {mapped.shape}, not {shape} {dims}"
-        if mapped.dtype.kind != ("b" if name == "valid" else "f"):
+        if wrong := misshapen(name, dims, mapped.shape, known):
+            return {}, wrong
+        if mapped.dtype.kind != ("b" if name in flags else "f"):
             return {}, f"{name} is of type {mapped.dtype}"
-        arrays[name] = np.array(mapped, dtype=bool if name == "valid" else np.float64)
-    valid = arrays["valid"]
-    if bad := int(np.count_nonzero(valid & ~np.isfinite(arrays[quantity]))):
-        return {}, f"{quantity} is not finite at {bad} elements marked valid"
-    with np.errstate(invalid="ignore"):
-        good_sigma = np.isfinite(arrays["sigma"]) & (arrays["sigma"] > 0)
-    if bad := int(np.count_nonzero(valid & ~good_sigma)):
-        return {}, f"sigma is not finite and positive at {bad} elements marked valid"
+        arrays[name] = np.array(mapped, dtype=bool if name in flags else np.float64)
+    for quantity in stage.gives:
+        if wrong := _not_finite(arrays, stage, quantity):
+            return {}, wrong
     return arrays, ""
+
+
+def _not_finite(arrays: dict[str, np.ndarray], stage: Stage, quantity: Quantity) -> str:
+    """What is wrong with the numbers of a quantity, or ""."""
+    names = stage.variables(quantity)
+    value, sigma = arrays[names.value], arrays[names.sigma]
+    valid = arrays[names.valid].reshape(arrays[names.valid].shape + (1,) * len(quantity.components))
+    if bad := int(np.count_nonzero(valid & ~np.isfinite(value))):
+        return f"{names.value} is not finite at {bad} elements marked valid"
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(sigma) & (sigma > 0)
+    if bad := int(np.count_nonzero(valid & ~good)):
+        return f"{names.sigma} is not finite and positive at {bad} elements marked valid"
+    return ""

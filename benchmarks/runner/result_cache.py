@@ -21,9 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from ...captures.layouts import stage_of
 from ...scenes.errors import InputError
 from ..folders.record import machine, versions
 from .estimator_labels import Chosen
+from .protocol import misshapen
 from .session import Job, Outcome
 
 __all__ = ["ResultCache", "cache_root", "source_of"]
@@ -137,18 +139,23 @@ class ResultCache:
             return None
         try:
             with np.load(path, allow_pickle=False) as data:
-                arrays = {name: data[name] for name in ("range", "sigma", "valid")}
+                word = str(data["stage"])
+                arrays = {name: data[name] for name in stage_of(word).dims()}
                 costs = [float(value) for value in data["costs"]]
                 cpu_calls, wall_calls = (tuple(map(float, data[name])) for name in ("cpu_calls", "wall_calls"))
-        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+        except (OSError, EOFError, ValueError, KeyError, InputError, zipfile.BadZipFile):
             return None
-        if any(array.shape != job.shape for array in arrays.values()) or len(costs) != len(_COSTS):
+        known = dict(job.sizes)
+        wrong = [
+            name for name, dims in stage_of(word).dims().items() if misshapen(name, dims, arrays[name].shape, known)
+        ]
+        if wrong or len(costs) != len(_COSTS):
             return None
         self.hits += 1
         cpu_s, wall_s, peak_bytes = costs
         return Outcome(
             job, "ok", arrays, cpu_s=cpu_s, wall_s=wall_s, peak_bytes=peak_bytes, cpu_calls=cpu_calls,
-            wall_calls=wall_calls,
+            wall_calls=wall_calls, word=word,
         )  # fmt: skip
 
     def put(self, outcome: Outcome, chosen: Chosen) -> None:
@@ -159,11 +166,16 @@ class ResultCache:
         partial = self.root / f"{key}.{os.getpid()}.partial"
         try:
             self.root.mkdir(parents=True, exist_ok=True)
-            arrays: dict[str, Any] = {name: outcome.arrays[name] for name in ("range", "sigma", "valid")}
+            arrays: dict[str, Any] = {name: outcome.arrays[name] for name in outcome.stage.dims()}
             with open(partial, "wb") as file:
                 for name in ("cpu_calls", "wall_calls"):
                     arrays[name] = np.array(getattr(outcome, name), np.float64)
-                np.savez_compressed(file, costs=np.array([getattr(outcome, name) for name in _COSTS]), **arrays)
+                np.savez_compressed(
+                    file,
+                    stage=np.str_(outcome.stage.word),
+                    costs=np.array([getattr(outcome, name) for name in _COSTS]),
+                    **arrays,
+                )
             os.replace(partial, self.root / f"{key}.npz")
         except OSError:
             partial.unlink(missing_ok=True)

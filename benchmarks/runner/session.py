@@ -8,12 +8,13 @@ the captures that remain.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import selectors
 import shutil
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -21,10 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from ..scores.skips import GAVE_UP
+from ...captures.layouts import layout_of, stage_of, stages
+from ...captures.quantities import Stage
+from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
 from .process import Child
-from .protocol import RESULT, read_results
+from .protocol import read_results
 
 __all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
 
@@ -35,23 +38,30 @@ _REFUSED = "error: refused: "
 
 @dataclass(frozen=True)
 class Job:
-    """One capture under one condition for one estimator. `shape` is that of the result's arrays.
+    """One capture under one condition for one estimator.
 
-    `timed` False: one call, without its times and memory, which costs less where only the answer counts.
+    `sizes`: lengths of the capture's dimensions. `timed` False: one call, without its times and memory, which costs less
+    where only the answer counts.
     """
 
     index: int
     folder: Path
     condition: str
     modality: str
-    shape: tuple[int, ...]
+    sizes: Mapping[str, int]
     timed: bool = True
+
+    @property
+    def elements(self) -> int:
+        """How many elements (pixels, shots, rows) the capture has."""
+        return math.prod(self.sizes[dim] for dim in layout_of(self.modality).element)
 
 
 @dataclass
 class Outcome:
     """What came of a job. `status` is "ok", or one of crash:, timeout:, memory:, flood:, error:, invalid:, skip:.
 
+    `stage`: of the estimator; the modality's first where the estimator ended before it could tell.
     `cpu_s`, `wall_s`: median over the timed calls, which `cpu_calls` and `wall_calls` hold one by one.
     """
 
@@ -64,6 +74,16 @@ class Outcome:
     printed: str = ""
     cpu_calls: tuple[float, ...] = ()
     wall_calls: tuple[float, ...] = ()
+    word: str = ""
+
+    @property
+    def stage(self) -> Stage:
+        """The estimator's stage; the first of the capture's modality where the estimator is of another one."""
+        first = layout_of(self.job.modality).stages[0]
+        if not self.word:
+            return first
+        stage = stage_of(self.word)
+        return stage if stage.modality == self.job.modality else first
 
 
 class Session:
@@ -185,12 +205,10 @@ def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome
 
 def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) -> tuple[Outcome | None, bool]:
     """Send one job and wait for what comes of it (None: warm, which was all), and whether the child can go on."""
-    quantity, dims = RESULT[job.modality]
     child.printed, child.tail = 0, b""
     message = {
         "job": job.index, "input": str(job.folder), "condition": job.condition, "output": str(answer),
-        "shape": list(job.shape), "quantity": quantity, "dims": list(dims), "modality": job.modality,
-        "only_warm": only_warm, "timed": job.timed,
+        "sizes": dict(job.sizes), "modality": job.modality, "only_warm": only_warm, "timed": job.timed,
     }  # fmt: skip
     child.send(message)
     first = not child.warm
@@ -209,7 +227,11 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
                     return _outcome(child, job, "crash: broken events"), False
                 for event in events:
                     kind = event.get("event")
-                    if kind == "refused":
+                    if kind == "started":
+                        if event.get("stage") not in stages():
+                            return _outcome(child, job, "crash: broken events"), False
+                        child.stage = str(event["stage"])
+                    elif kind == "refused":
                         return _outcome(child, job, _REFUSED + _line(event)), False
                     if kind == "warm":
                         child.warm = True
@@ -233,7 +255,7 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
 
 
 def _finished(child: Child, job: Job, event: dict[str, Any], answer: Path) -> Outcome:
-    arrays, wrong = read_results(answer, job.modality, job.shape)
+    arrays, wrong = read_results(answer, stage_of(child.stage), dict(job.sizes))
     outcome = _outcome(child, job, f"invalid: {wrong}" if wrong else "ok")
     outcome.arrays = arrays
     for name in ("cpu_s", "wall_s", "peak_bytes"):
@@ -248,7 +270,7 @@ def _finished(child: Child, job: Job, event: dict[str, Any], answer: Path) -> Ou
 
 
 def _outcome(child: Child, job: Job, status: str) -> Outcome:
-    return Outcome(job, status, printed=child.tail.decode(errors="replace"))
+    return Outcome(job, status, printed=child.tail.decode(errors="replace"), word=child.stage)
 
 
 def _line(event: dict[str, Any]) -> str:

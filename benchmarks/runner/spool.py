@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from ...captures.hide import hide_truth
+from ...captures.sizes import sizes_of
 from ...scenes.errors import InputError
-from ..scores.score import Bound, Truth
+from ..scores.truth import Bound, Truth
 from ..suites.suite import Cell
 from .protocol import file_sums, write_capture, write_meta
 
@@ -29,7 +31,7 @@ class Entry:
     cell: Cell
     folder: Path
     modality: str
-    shape: tuple[int, ...]
+    sizes: dict[str, int]
     sums: dict[str, int]
     bytes: int
 
@@ -72,8 +74,8 @@ class Spool:
         cell: Cell,
         capture: xr.Dataset,
         conditions: dict[str, Callable[[xr.Dataset], xr.Dataset]],
-        truth: Truth,
-        bound: Bound,
+        truth: Mapping[str, Truth],
+        bound: Mapping[str, Bound],
     ) -> Entry:
         """Spool a capture under each condition (name -> what it does to a capture whose truth is hidden).
 
@@ -91,29 +93,23 @@ class Spool:
         cell: Cell,
         capture: xr.Dataset,
         conditions: dict[str, Callable[[xr.Dataset], xr.Dataset]],
-        truth: Truth,
-        bound: Bound,
+        truth: Mapping[str, Truth],
+        bound: Mapping[str, Bound],
     ) -> Entry:
         folder = self.open / f"{index:06d}"
         hidden = hide_truth(capture)
         write_capture(folder, hidden)
         for name, change in conditions.items():
             write_meta(folder, change(hidden), name)
-        np.savez(
-            self.closed / f"{index:06d}.npz",
-            range=truth.range, mixed=truth.mixed, first=truth.first, last=truth.last, bound=bound.sigma,
-            kind=np.str_(bound.kind), scale=np.array([bound.response_m, bound.window_m]),
-        )  # fmt: skip
+        np.savez(self.closed / f"{index:06d}.npz", **_flat(truth, bound))  # type: ignore[arg-type]
         size = sum(path.stat().st_size for path in folder.iterdir())
-        shape = tuple(int(size) for size in truth.range.shape)
-        return Entry(index, cell, folder, str(capture.attrs["modality"]), shape, file_sums(folder), size)
+        sizes = sizes_of(hidden)
+        return Entry(index, cell, folder, str(capture.attrs["modality"]), sizes, file_sums(folder), size)
 
-    def truth(self, entry: Entry) -> tuple[Truth, Bound]:
+    def truth(self, entry: Entry) -> tuple[dict[str, Truth], dict[str, Bound]]:
         """What an entry's estimates are scored by."""
         with np.load(self.closed / f"{entry.index:06d}.npz", allow_pickle=False) as data:
-            response, window = map(float, data["scale"])
-            bound = Bound(data["bound"], str(data["kind"]), response, window)
-            return Truth(data["range"], data["mixed"], data["first"], data["last"]), bound
+            return _nested(dict(data))
 
     def intact(self, entry: Entry) -> bool:
         """Whether the capture's files are as they were written."""
@@ -123,3 +119,27 @@ class Spool:
         """Remove an entry."""
         shutil.rmtree(entry.folder, ignore_errors=True)
         (self.closed / f"{entry.index:06d}.npz").unlink(missing_ok=True)
+
+
+def _flat(truth: Mapping[str, Truth], bound: Mapping[str, Bound]) -> dict[str, np.ndarray[Any, Any]]:
+    """Truth and bounds as named arrays."""
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    for name, true in truth.items():
+        arrays |= {f"{name}:value": true.value, f"{name}:mixed": true.mixed}
+        arrays |= {f"{name}:other-{number}": other for number, other in enumerate(true.alternatives)}
+        one = bound[name]
+        arrays |= {f"{name}:bound": one.sigma, f"{name}:kind": np.array(one.kind)}
+        arrays[f"{name}:scales"] = np.array([one.scale, one.window])
+    return arrays
+
+
+def _nested(arrays: dict[str, np.ndarray[Any, Any]]) -> tuple[dict[str, Truth], dict[str, Bound]]:
+    """Inverse of `_flat`."""
+    truth: dict[str, Truth] = {}
+    bound: dict[str, Bound] = {}
+    for name in [key.removesuffix(":value") for key in arrays if key.endswith(":value")]:
+        others = sorted(key for key in arrays if key.startswith(f"{name}:other-"))
+        truth[name] = Truth(arrays[f"{name}:value"], arrays[f"{name}:mixed"], tuple(arrays[key] for key in others))
+        scale, window = map(float, arrays[f"{name}:scales"])
+        bound[name] = Bound(arrays[f"{name}:bound"], str(arrays[f"{name}:kind"]), scale, window)
+    return truth, bound

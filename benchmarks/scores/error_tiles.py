@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ...scenes.errors import InputError
 from ..folders.files import write_atomic
-from .score import Bound, Truth, errors_of
+from .truth import Bound, Truth, errors_of, single_valued
 
 __all__ = ["FILE", "TileKey", "read_tiles", "tile_sums", "tiles_of", "write_tiles"]
 
@@ -31,26 +31,26 @@ _TILES = 64
 
 
 def tiles_of(shape: tuple[int, ...]) -> npt.NDArray[np.intp]:
-    """A tile's number for every element: at most 8 × 8 tiles of an image, 64 runs of a record of shots."""
+    """A tile's number for every element: at most 8 × 8 tiles of the first two dimensions, 64 runs of a record of shots.
+    Further dimensions (returns of a row, components) share the tile of their place."""
     if len(shape) == 1:
         return np.asarray(np.arange(shape[0]) * min(_TILES, shape[0]) // max(shape[0], 1), np.intp)
     side = math.isqrt(_TILES)
     rows, cols = (np.arange(size) * min(side, size) // max(size, 1) for size in shape[:2])
-    return np.asarray(rows[:, None] * side + cols[None, :], np.intp)
+    plane = np.asarray(rows[:, None] * side + cols[None, :], np.intp)
+    return np.broadcast_to(plane.reshape(plane.shape + (1,) * (len(shape) - 2)), shape)
 
 
-def tile_sums(
-    estimate: Mapping[str, npt.NDArray[np.generic]] | None, truth: Truth, bound: Bound
-) -> tuple[Float, Float]:
-    """(sums, counts) per tile (64) of one estimate; None, where there is none: every element counts as refused."""
-    chosen = np.isfinite(truth.range) & ~truth.mixed
-    tile = tiles_of(truth.range.shape)[chosen]
+def tile_sums(estimate: tuple[Float, npt.NDArray[np.bool_]] | None, truth: Truth, bound: Bound) -> tuple[Float, Float]:
+    """(sums, counts) per tile (64) of one estimate (value, valid); None, where there is none: every element is refused."""
+    chosen = single_valued(truth)
+    tile = tiles_of(truth.value.shape)[chosen]
     counts = np.bincount(tile, minlength=_TILES).astype(np.float64)
     if estimate is None:
-        return counts * bound.prior_m**2, counts
-    valid = np.asarray(estimate["valid"], bool)[chosen]
-    error = errors_of(np.asarray(estimate["range"], np.float64), truth)[chosen]
-    sums = np.bincount(tile, weights=np.where(valid, error, bound.prior_m) ** 2, minlength=_TILES)
+        return counts * bound.prior**2, counts
+    value, answered = estimate
+    valid, error = answered[chosen], errors_of(value, truth)[chosen]
+    sums = np.bincount(tile, weights=np.where(valid, error, bound.prior) ** 2, minlength=_TILES)
     return np.asarray(sums, np.float64), counts
 
 

@@ -4,39 +4,37 @@ With e = estimate − truth over the n elements that have a truth, V those of th
 failure threshold:
 
     coverage = |V|/n                    failure_rate = share of n invalid or with |e| > L,
-                                        L = max(X, min(5 b, 2 X, or cσ_R/2n_g if that is more))
+                                        L = max(X, min(5 b, 2 X, or the scale if that is more))
     bias, rmse, mae, p95 over V         rmse_full: invalid elements count with the prior's error, window/√12
     bound = √mean(b²) over V            efficiency = 1/mean((e/b)²) over V, outliers included;
     z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or the bias is real
     cover95 = share of V with |e| ≤ 1.96 σ
 
-A bias is real where |bias| exceeds .1 rmse by more than chance explains, 3 rmse/√|V| (`statistics.bias_is_real`).
-`efficiency_lo`, `_hi` are NaN where a few blocks of pixels hold most of the squared error (`statistics.concentrated`).
-X = ½·cσ_R/2n_g for gated captures (σ_R: standard deviation of the response R), or the suite's `failure_at`. L is five
-bounds as long as that is within the echo; an answer off by more than the echo's own width has found something else, and
-fails however little light there was. `bound_kind` is "exact" or "quasi" where all elements of the row are regular, that
-is where the Cramér-Rao bound can be reached, and "ziv-zakai" or "bayes" where not (`bounds.regular`).
-A mixed element sees several surfaces: its error is the signed distance to the nearer of truth_first and truth_last, so
-that a range between two surfaces, where nothing is, is an error; no bound is asserted. A run that did not end "ok" has
-coverage 0 and failure rate 1.
+A bias is real where |bias| exceeds .1 rmse by more than chance explains, 3 rmse/√|V| (`statistics.pooled.bias_is_real`).
+`efficiency_lo`, `_hi` are NaN where a few blocks of pixels hold most of the squared error (`concentrated`).
+X is half of the bound's scale (for ranges ½·cσ_R/2n_g, σ_R the standard deviation of the response R), or the suite's
+`failure_at`. L is five bounds as long as that is within the echo; an answer off by more than the echo's own width has found
+something else, and fails however little light there was. `bound_kind` is "exact" or "quasi" where all elements of the row
+are regular, that is where the Cramér-Rao bound can be reached, and "ziv-zakai" or "bayes" where not (`bounds.regular`).
+A mixed element has several true values, such as the two surfaces that a pixel sees: its error is the signed distance to the
+nearest, so that a range between two surfaces, where nothing is, is an error; no bound is asserted. A run that did not end
+"ok" has coverage 0 and failure rate 1.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
+from ...captures.quantities import Quantity, Stage
 from ..statistics.pooled import bias_is_real, block_bootstrap_ratio, block_ids
+from .truth import Bound, Truth, aligned, errors_of, failure_limit
 
-__all__ = [
-    "ACCURACY", "COLUMNS", "KEY", "REGULAR_KINDS", "TIMES", "Bound", "Truth", "errors_of", "failure_limit", "score_rows",
-    "truth_of",
-]  # fmt: skip
+__all__ = ["ACCURACY", "COLUMNS", "KEY", "REGULAR_KINDS", "TIMES", "mixed_name", "score_rows"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -60,124 +58,90 @@ REGULAR_KINDS = ("exact", "quasi")
 _EFFICIENT_COVERAGE = 0.99
 
 
-@dataclass(frozen=True)
-class Bound:
-    """Per-element bound of the standard error, and what of the rig sets the scale of failure.
-
-    Main arguments:
-        sigma (row, col), or (shot): m; infinite where the capture holds no information, NaN where there is no truth.
-        kind: "exact" or "quasi"; "ziv-zakai" or "bayes"; "none". response_m: cσ_R/2n_g. window_m: span of range that the
-        stack can answer.
-    """
-
-    sigma: Float
-    kind: str
-    response_m: float
-    window_m: float
-
-    @property
-    def prior_m(self) -> float:
-        """Standard error of knowing only the window: window/√12."""
-        return self.window_m / math.sqrt(12.0)
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What an estimate is compared with, (row, col): the true range, and the two surfaces of mixed elements, m."""
-
-    range: Float
-    mixed: Bool
-    first: Float
-    last: Float
-
-
-def truth_of(capture: xr.Dataset) -> Truth:
-    """The truth of a capture; an element of a one-detector ranger is never mixed."""
-    true_range = np.asarray(capture["truth_range"].values, np.float64)
-    if "truth_mixed" not in capture:
-        return Truth(true_range, np.zeros(true_range.shape, bool), true_range, true_range)
-    return Truth(
-        true_range,
-        np.asarray(capture["truth_mixed"].values, bool),
-        np.asarray(capture["truth_first"].values, np.float64),
-        np.asarray(capture["truth_last"].values, np.float64),
-    )
-
-
-def errors_of(estimate: Float, truth: Truth) -> Float:
-    """estimate − truth, m; for mixed elements the signed distance to the nearer of first and last. NaN where either is
-    missing."""
-    to_first, to_last = estimate - truth.first, estimate - truth.last
-    nearer = np.where(np.abs(to_first) <= np.abs(to_last), to_first, to_last)
-    return np.where(truth.mixed, nearer, estimate - truth.range)
-
-
-def failure_limit(sigma: Float, bound: Bound, failure_at: float | None = None) -> Float:
-    """|error| beyond which an element has failed, m: five bounds, but at least X and at most the larger of 2X and the
-    response's standard deviation; X where there is no bound.
-
-    Main arguments:
-        sigma: bounds of the elements wanted, m, any shape. bound: of the capture, for its scale.
-    Other arguments:
-        failure_at: X, m; half the response's standard deviation if None.
-    """
-    at = failure_at if failure_at is not None else 0.5 * bound.response_m
-    # fmax: elements without a bound are judged by X.
-    return np.asarray(np.minimum(np.fmax(5.0 * sigma, at), max(2.0 * at, bound.response_m)), np.float64)
-
-
 def score_rows(
     key: dict[str, Any],
-    truth: Truth,
-    bound: Bound,
-    estimate: dict[str, np.ndarray] | None,
+    stage: Stage,
+    truth: Mapping[str, Truth],
+    bound: Mapping[str, Bound],
+    estimate: dict[str, npt.NDArray[Any]] | None,
     *,
     status: str,
     cpu_s: float = math.nan,
     wall_s: float = math.nan,
     peak_bytes: float = math.nan,
     failure_at: float | None = None,
-    modality: str = "gated",
 ) -> list[dict[str, Any]]:
-    """The table's rows for one estimate: quantity "range", and "range-mixed" where there are mixed elements.
+    """The table's rows for one estimate: one per quantity of the stage that has a truth, and one of its mixed elements.
 
     Main arguments:
-        key: values of the key columns. estimate: `range`, `sigma`, `valid` (row, col), or None if there is none.
+        key: values of the key columns but `stage`. stage: of the estimator.
+        truth, bound: by the name of the quantity; a quantity without truth has no row.
+        estimate: the stage's variables by name, or None if there is none.
         status: "ok", or what went wrong: then the estimate is not looked at.
     Other arguments:
-        modality: of the capture; what is (row, col) in a gated one is (shot) in the others.
+        failure_at: see `failure_limit`; of the first quantity.
     """
-    shape = truth.range.shape
-    has_truth = np.isfinite(truth.range)
-    if status != "ok" or estimate is None:
-        nothing = np.full(shape, math.nan)
-        estimate = {"range": nothing, "sigma": nothing, "valid": np.zeros(shape, bool)}
-    errors = errors_of(estimate["range"], truth)
-    threshold = failure_at if failure_at is not None else 0.5 * bound.response_m
-    blocks = block_ids((shape[0], shape[1] if len(shape) > 1 else 1)).reshape(shape)
-    rows = []
-    for quantity, chosen in (("range", has_truth & ~truth.mixed), ("range-mixed", has_truth & truth.mixed)):
-        if quantity == "range-mixed" and not chosen.any():
+    rows: list[dict[str, Any]] = []
+    for number, quantity in enumerate(stage.gives):
+        if quantity.name not in truth:
             continue
-        unmixed = quantity == "range"
+        rows += _quantity_rows(
+            quantity, truth[quantity.name], bound[quantity.name],
+            None if status != "ok" or estimate is None
+            else aligned(estimate, stage, quantity, truth[quantity.name].value.shape),
+            failure_at if number == 0 else None,
+        )  # fmt: skip
+    common = {
+        **key, "stage": stage.name, "modality": stage.modality, "cpu_s": cpu_s, "wall_s": wall_s,
+        "peak_bytes": peak_bytes, "status": status,
+    }  # fmt: skip
+    for row in rows:
+        row |= common
+        row["throughput"] = row.pop("elements") / wall_s if wall_s > 0 else math.nan
+    return [{name: row[name] for name in COLUMNS} for row in rows]
+
+
+def _quantity_rows(
+    quantity: Quantity, truth: Truth, bound: Bound, estimate: tuple[Float, Float, Bool] | None, failure_at: float | None
+) -> list[dict[str, Any]]:
+    """Figures of the elements with one true value, and of mixed ones where there are any."""
+    shape = truth.value.shape
+    has_truth = np.isfinite(truth.value)
+    if estimate is None:
+        nothing = np.full(shape, math.nan)
+        estimate = nothing, nothing, np.zeros(shape, bool)
+    value, sigma, valid = estimate
+    errors = errors_of(value, truth)
+    threshold = failure_at if failure_at is not None else 0.5 * bound.scale
+    blocks = block_ids((shape[0], math.prod(shape[1:]))).reshape(shape)
+    rows = []
+    for name, chosen in (
+        (quantity.name, has_truth & ~truth.mixed),
+        (mixed_name(quantity.name), has_truth & truth.mixed),
+    ):
+        unmixed = name == quantity.name
+        if not unmixed and not chosen.any():
+            continue
         sigma_bound = bound.sigma[chosen] if unmixed else np.full(int(chosen.sum()), math.nan)
         figures = _figures(
-            errors[chosen], estimate["sigma"][chosen], estimate["valid"][chosen], sigma_bound, blocks[chosen],
-            failure_limit(sigma_bound, bound, failure_at), bound.prior_m,
+            errors[chosen], sigma[chosen], valid[chosen], sigma_bound, blocks[chosen],
+            failure_limit(sigma_bound, bound, failure_at), bound.prior,
         )  # fmt: skip
         figures["bound_kind"] = _kind(bound, sigma_bound) if unmixed else "none"
-        row = {
-            **key, "modality": modality, "quantity": quantity, "unit": "m", "failure_at": threshold, **figures,
-            "cpu_s": cpu_s, "wall_s": wall_s, "throughput": has_truth.size / wall_s if wall_s > 0 else math.nan,
-            "peak_bytes": peak_bytes, "status": status,
-        }  # fmt: skip
-        rows.append({name: row[name] for name in COLUMNS})
+        rows.append({
+            "quantity": name, "unit": quantity.unit, "failure_at": threshold, "elements": has_truth.size, **figures,
+        })  # fmt: skip
     return rows
+
+
+def mixed_name(quantity: str) -> str:
+    """What the table calls a quantity of mixed elements."""
+    return f"{quantity}-mixed"
 
 
 def _kind(bound: Bound, sigma: Float) -> str:
     """Elements whose bound exceeds the prior's error are held at it, so that the mean is no longer an exact bound."""
-    return "quasi" if bound.kind == "exact" and np.any(sigma > bound.prior_m) else bound.kind
+    return "quasi" if bound.kind == "exact" and np.any(sigma > bound.prior) else bound.kind
 
 
 def _figures(

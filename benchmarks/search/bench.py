@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ...captures.sizes import sizes_of
 from ..runner.estimator_labels import Chosen
 from ..runner.protocol import write_capture, write_meta
 from ..runner.session import Job, Outcome, Session
 from ..runner.spool import Entry, Spool
-from ..scores.score import Bound, Truth, errors_of, failure_limit, score_rows, truth_of
-from ..scores.skips import skipped_rows
+from ..scores.score import score_rows
+from ..scores.truth import Bound, Truth, aligned, errors_of, failure_limit, single_valued
+from ..statistics.skips import skipped_rows
 from ..suites.suite import Cell, Limits
 from .failure_rate import Trial
 
@@ -38,11 +40,12 @@ _KEPT_BYTES = 2**30
 
 @dataclass(frozen=True)
 class Answer:
-    """One estimator's answer to one capture, over its unmixed elements with a truth (n).
+    """One estimator's answer to one capture: its first quantity, over the unmixed elements with a truth (n).
 
     Main arguments:
         status: "ok" or what went wrong, then every element counts as failed. rows: of the score table.
-        error (n): m, NaN where there is none. valid (n). limit (n): |error| beyond which an element has failed, m.
+        error (n): in the quantity's unit, NaN where there is none. valid (n).
+        limit (n): |error| beyond which an element has failed.
     """
 
     status: str
@@ -55,10 +58,6 @@ class Answer:
     def row(self) -> dict[str, Any]:
         """The score of the unmixed elements."""
         return self.rows[0]
-
-
-def _unmixed(truth: Truth) -> Bool:
-    return np.asarray(np.isfinite(truth.range) & ~truth.mixed)
 
 
 class Bench:
@@ -112,7 +111,7 @@ class Bench:
             truth, bound = self._spool.truth(entry)
             found = {}
             for label in labels if labels is not None else self.chosen:
-                job = Job(entry.index, entry.folder, self.condition, entry.modality, entry.shape, timed)
+                job = Job(entry.index, entry.folder, self.condition, entry.modality, entry.sizes, timed)
                 outcome = self._ask(label, job)
                 if not self._spool.intact(entry):
                     outcome.status = "invalid: changed its input"
@@ -125,7 +124,7 @@ class Bench:
 
     def variants(
         self, cell: Cell, label: str, changes: Mapping[str, Callable[[xr.Dataset], xr.Dataset]]
-    ) -> tuple[dict[str, Outcome], Truth, Bound]:
+    ) -> tuple[dict[str, Outcome], Mapping[str, Truth], Mapping[str, Bound]]:
         """An estimator's outcome on changed versions of one cell's hidden capture, and what it is scored by."""
         capture, hidden = self._generate(cell)
         outcomes = {}
@@ -135,12 +134,12 @@ class Bench:
             folder = self._spool.open / f"variant-{self._count:06d}"
             write_capture(folder, changed)
             write_meta(folder, changed, self.condition)
-            shape = tuple(capture["truth_range"].shape)
+            sizes = sizes_of(changed)
             modality = str(changed.attrs["modality"])
-            outcomes[name] = self._ask(label, Job(self._count, folder, self.condition, modality, shape, timed=False))
-        from ..bounds.dispatch import bound_of
+            outcomes[name] = self._ask(label, Job(self._count, folder, self.condition, modality, sizes, timed=False))
+        from ..judges.bound import bounds_of, truths_of
 
-        return outcomes, truth_of(capture), bound_of(capture)
+        return outcomes, truths_of(capture), bounds_of(capture)
 
     def _ask(self, label: str, job: Job) -> Outcome:
         if label not in self._sessions:
@@ -165,7 +164,7 @@ class Bench:
         return capture, hidden
 
     def _entry(self, cell: Cell) -> Entry:
-        from ..bounds.dispatch import bound_of
+        from ..judges.bound import bounds_of, truths_of
 
         key = _key(cell)
         if key not in self._kept:
@@ -176,30 +175,34 @@ class Bench:
             rig = hidden.attrs["rig"]
             conditions = {self.condition: lambda seen: seen.assign_attrs(rig=rig)}
             self._kept[key] = self._spool.add(
-                self._count, cell, capture, conditions, truth_of(capture), bound_of(capture)
+                self._count, cell, capture, conditions, truths_of(capture), bounds_of(capture)
             )
         return self._kept[key]
 
-    def _score(self, cell: Cell, label: str, truth: Truth, bound: Bound, outcome: Outcome) -> Answer:
+    def _score(
+        self, cell: Cell, label: str, truths: Mapping[str, Truth], bounds: Mapping[str, Bound], outcome: Outcome
+    ) -> Answer:
         chosen = self.chosen[label]
         key = {
             "suite": self.suite, "scene": cell.scene_name, "stress": cell.stress, "level": cell.level,
             "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": self.condition,
-            "stage": "range", "estimator": chosen.name, "params": chosen.params,
+            "estimator": chosen.name, "params": chosen.params,
         }  # fmt: skip
         rows = score_rows(
-            key, truth, bound, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
+            key, outcome.stage, truths, bounds, outcome.arrays or None, status=outcome.status, cpu_s=outcome.cpu_s,
             wall_s=outcome.wall_s, peak_bytes=outcome.peak_bytes, failure_at=self.failure_at,
-            modality=outcome.job.modality,
         )  # fmt: skip
         rows = skipped_rows(rows)
-        chosen_elements = _unmixed(truth)
+        quantity = outcome.stage.gives[0]
+        truth, bound = truths[quantity.name], bounds[quantity.name]
+        chosen_elements = single_valued(truth)
         limit = failure_limit(bound.sigma[chosen_elements], bound, self.failure_at)
         nothing = np.full(limit.shape, math.nan)
         if outcome.status != "ok":
             return Answer(outcome.status, rows, nothing, np.zeros(limit.shape, bool), limit)
-        valid = np.asarray(outcome.arrays["valid"][chosen_elements], bool)
-        error = np.where(valid, errors_of(outcome.arrays["range"], truth)[chosen_elements], math.nan)
+        value, _, answered = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
+        valid = answered[chosen_elements]
+        error = np.where(valid, errors_of(value, truth)[chosen_elements], math.nan)
         return Answer("ok", rows, error, valid, limit)
 
 

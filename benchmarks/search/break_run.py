@@ -18,8 +18,8 @@ from ..folders.kinds import BREAK
 from ..folders.progress import Progress, silent
 from ..folders.record import TABLES_VERSION, machine, now, versions
 from ..runner.estimator_labels import Chosen, check_estimators
-from ..scores.skips import not_applicable, skip_reason
 from ..scores.tables import to_csv
+from ..statistics.skips import not_applicable, skip_reason
 from ..suites.spec import Limits
 from ..suites.stress import stressed
 from ..suites.suite import CELL_NONE, Cell, capture_key

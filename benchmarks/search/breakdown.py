@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...captures.layouts import layout_of
 from ..folders.files import write_text
-from ..scores.score import Bound, Truth
 from ..scores.tables import to_csv
+from ..scores.truth import Bound, Truth, aligned, single_valued
 from .failure_map import EdgeMap
 from .failure_rate import dispersion, failure_rate, mode_of, rate_bounds
 
@@ -89,20 +90,16 @@ def calm_level(levels: Sequence[float], found: EdgeMap) -> float | None:
     return levels[0] if failure_rate(found.trials[levels[0],]) < found.edges[0].target else None
 
 
-#: The measured variable of each modality.
-_DATA = {"gated": "counts", "waveform": "signal", "amcw": "samples"}
-
-
 def _float(kind: str) -> Any:
     def change(hidden: xr.Dataset) -> xr.Dataset:
-        name = _DATA[str(hidden.attrs["modality"])]
+        name = layout_of(hidden.attrs["modality"]).data
         return hidden.assign({name: hidden[name].astype(kind)}).assign_attrs(averaged=1)
 
     return change
 
 
 def _one_more(hidden: xr.Dataset) -> xr.Dataset:
-    name = _DATA[str(hidden.attrs["modality"])]
+    name = layout_of(hidden.attrs["modality"]).data
     data = hidden[name]
     top = np.iinfo(data.dtype).max if data.dtype.kind in "iu" else np.inf
     return hidden.assign({name: data.copy(data=np.where(data.values < top, data.values + 1, data.values))})
@@ -118,21 +115,26 @@ VARIANTS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def change_in_bounds(a: Outcome, b: Outcome, truth: Truth, bound: Bound) -> float:
-    """The rms difference of two answers over unmixed elements with a truth, in units of the rms bound; NaN if one is
-    no answer."""
+def change_in_bounds(a: Outcome, b: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, Bound]) -> float:
+    """The rms difference of two answers over unmixed elements with a truth, in units of the rms bound, of the quantity that
+    is scored first; NaN if one is no answer."""
     if a.status != "ok" or b.status != "ok":
         return math.nan
-    chosen = np.isfinite(truth.range) & ~truth.mixed & np.isfinite(bound.sigma)
-    both = chosen & a.arrays["valid"] & b.arrays["valid"]
-    one = chosen & (a.arrays["valid"] ^ b.arrays["valid"])
+    quantity = a.stage.gives[0]
+    truth, bound = truths[quantity.name], bounds[quantity.name]
+    (first, _, valid), (second, _, also) = (
+        aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape) for outcome in (a, b)
+    )
+    chosen = single_valued(truth) & np.isfinite(bound.sigma)
+    both = chosen & valid & also
+    one = chosen & (valid ^ also)
     if not (both | one).any():
         return math.nan
-    square = np.zeros(truth.range.shape)
-    square[both] = (a.arrays["range"][both] - b.arrays["range"][both]) ** 2
-    square[one] = bound.prior_m**2
+    square = np.zeros(truth.value.shape)
+    square[both] = (first[both] - second[both]) ** 2
+    square[one] = bound.prior**2
     counted = both | one
-    return float(np.sqrt(square[counted].mean() / (np.minimum(bound.sigma, bound.prior_m)[counted] ** 2).mean()))
+    return float(np.sqrt(square[counted].mean() / (np.minimum(bound.sigma, bound.prior)[counted] ** 2).mean()))
 
 
 def map_rows(key: Mapping[str, str], found: EdgeMap) -> list[dict[str, Any]]:

@@ -14,6 +14,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ...captures.layouts import scored_first
 from ..suites.suite import CELL_NONE
 from .failure_map import is_log
 
@@ -51,9 +54,12 @@ def level_rows(scores: pd.DataFrame, orders: dict[tuple[str, str], Sequence[floa
     Main arguments:
         scores: scores.csv as a table. orders: the levels of each (suite, axis), from benign to breaking.
 
-    Only unmixed elements count, and stresses of one axis.
+    Only the first quantity of a stage and its unmixed elements count, and stresses of one axis.
     """
-    chosen = scores[(scores["quantity"] == "range") & (scores["stress"] != CELL_NONE) & (scores["n"] > 0)]
+    first = [
+        scored_first(*place) for place in zip(scores["modality"], scores["stage"], scores["quantity"], strict=True)
+    ]
+    chosen = scores[np.array(first, bool) & (scores["stress"] != CELL_NONE) & (scores["n"] > 0)]
     chosen = chosen.assign(level=chosen["level"].astype(float))
     rows: list[dict[str, Any]] = []
     keys = ["suite", "scene", "condition", "stress", "estimator", "params"]

@@ -20,8 +20,8 @@ from ..folders.record import TABLES_VERSION, machine, now, versions
 from ..folders.workplace import output_folder, workplace
 from ..report.breakdown import curve_name, save_maps
 from ..runner.estimator_labels import Chosen, check_estimators
-from ..scores.skips import not_applicable, skips_of
 from ..scores.tables import write_tables
+from ..statistics.skips import not_applicable, skips_of
 from ..suites.spec import Split, Stress, check_split
 from ..suites.stress import axis_unit, stressed
 from ..suites.suite import CELL_NONE, Cell, Loaded, capture_key, load_suite

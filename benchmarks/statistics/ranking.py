@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenes.errors import InputError
-from ..scores.skips import not_applicable
+from ..statistics.skips import not_applicable
 from .bootstrap import studentised
 from .pairs import Pair, pairwise
 from .profiles import Profile, performance_profiles
@@ -72,9 +72,9 @@ def _label(row: dict[str, Any]) -> str:
 def score_matrix(
     rows: Iterable[dict[str, Any]],
     *,
-    modality: str = "gated",
-    stage: str = "range",
-    quantity: str = "range",
+    modality: str,
+    stage: str,
+    quantity: str,
     condition: str = "matched",
     stressed: bool = False,
 ) -> ScoreMatrix:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from ..scores.skips import not_applicable
+from ..statistics.skips import not_applicable
 from .ranking import compare_estimators, score_matrix
 
 __all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "inference_tables"]

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from ..quantities import Stage
     from .layout import Layout
 
-__all__ = ["LAYOUTS", "layout_of", "stage_of", "stages"]
+__all__ = ["LAYOUTS", "layout_of", "scored_first", "stage_of", "stages"]
 
 #: modality -> "module:object"
 LAYOUTS: dict[str, str] = {
@@ -49,3 +49,9 @@ def stage_of(word: object) -> Stage:
     if not isinstance(word, str) or word not in stages():
         raise InputError("There is no such stage.", where="stage", value=word, allowed=", ".join(stages()))
     return stages()[word]
+
+
+def scored_first(modality: str, stage: str, quantity: str) -> bool:
+    """Whether a row of a table (its columns modality, stage, quantity) is of the quantity that its stage is scored by first."""
+    known = layout_of(modality).stages if modality in LAYOUTS else ()
+    return any(one.name == stage and one.gives[0].name == quantity for one in known)

@@ -8,7 +8,7 @@ import xarray as xr
 
 from ...scenes.errors import InputError
 from ..registry import estimator
-from ..shots import shot_result
+from ..result import range_result
 from ..waveform.fit import scoring
 from .samples import AmcwSamples, Phasors, phasors, read_samples
 
@@ -107,4 +107,4 @@ def amcw_ml(capture: xr.Dataset, *, min_gap: float = 4.6, min_snr: float = 4.0) 
     with np.errstate(invalid="ignore"):
         valid = samples.usable & fit.settled & (lead > min_gap)
         valid &= fit.value[:, 2] > min_snr * np.sqrt(fit.variance[:, 2])
-    return shot_result(fit.value[:, 0] * samples.m_per_s, sigma * samples.m_per_s, valid)
+    return range_result(fit.value[:, 0] * samples.m_per_s, sigma * samples.m_per_s, valid)

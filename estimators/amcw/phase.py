@@ -9,7 +9,7 @@ import xarray as xr
 from ...optics.amcw import distance_eq24, part_wave_eq25, whole_cycles
 from ...scenes.errors import InputError
 from ..registry import estimator
-from ..shots import shot_result
+from ..result import range_result
 from .samples import AmcwSamples, Phasors, phasors, read_samples
 
 __all__ = ["amcw_decade", "amcw_phase"]
@@ -37,7 +37,7 @@ def _answer(samples: AmcwSamples, found: Phasors, distance: Float, used: list[in
         strong = np.abs(found.value[:, used]) > min_snr * np.sqrt(found.variance[:, used])
         inside = (distance >= samples.window_m[0]) & (distance <= samples.window_m[1])
     valid = samples.usable & (found.sound[:, used] & strong).all(axis=1) & inside
-    return shot_result(distance, _sigma(samples, found, used[-1]), valid)
+    return range_result(distance, _sigma(samples, found, used[-1]), valid)
 
 
 @estimator("amcw", cites="Kusters 1992, Eq. 2.4-2.5 and Figure 2.3 (phase comparison)")

@@ -12,7 +12,7 @@ import xarray as xr
 from ...optics.pile_up import coates_rate
 from ...scenes.errors import InputError
 from ..registry import estimator
-from ..shots import shot_result
+from ..result import range_result
 from .record import WaveformRecord, read_record
 
 __all__ = ["waveform_average", "waveform_coates"]
@@ -49,7 +49,7 @@ def _centroid(
         clipped = (~record.good & (np.abs(record.time_s - (low + mean)[:, None]) < 3 * record.width_s)).any(axis=1)
         found = record.usable & (total > min_snr * spread) & ~clipped
     tau = low + mean - record.centroid_s
-    return shot_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
 def _check(reach: float, min_snr: float, where: str) -> None:

@@ -12,7 +12,7 @@ import xarray as xr
 from ...optics.time_of_flight import count_cycles, pulse_distance_eq23
 from ...scenes.errors import InputError
 from ..registry import estimator
-from ..shots import shot_result
+from ..result import range_result
 from .record import WaveformRecord, read_record
 
 __all__ = ["rise_lag", "waveform_constant_fraction", "waveform_counter", "waveform_leading_edge"]
@@ -106,7 +106,7 @@ def waveform_leading_edge(
     """
     record = read_record(capture)
     tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-leading-edge")
-    return shot_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
 @estimator("waveform", cites="Kusters 1992, Figure 2.2 and Eq. 2.3 (an oscillator counted while the pulse is away)")
@@ -134,7 +134,7 @@ def waveform_counter(
     cycles = count_cycles(tau, hertz)
     distance = pulse_distance_eq23((cycles + 0.5) / hertz, 2.0 * record.m_per_s)
     sigma = np.sqrt(sigma**2 + 1.0 / (12.0 * hertz**2))
-    return shot_result(distance, sigma * record.m_per_s, found & (cycles >= 0))
+    return range_result(distance, sigma * record.m_per_s, found & (cycles >= 0))
 
 
 @estimator("waveform", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction)")
@@ -180,7 +180,7 @@ def waveform_constant_fraction(
         # The edge's slope from the response: that of two noisy samples would be at its steepest where noise helps.
         sigma = np.sqrt(own + shift) / ((peak - base) * _edge_slope(record, np.asarray(fraction), length))
     tau = record.time_s[at] + record.step_s * f - rise_lag(record, np.asarray(fraction), length)
-    return shot_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
 def _edge_slope(record: WaveformRecord, fraction: Float, length: int) -> Float:

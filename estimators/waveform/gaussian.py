@@ -7,7 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
-from ..shots import shot_result
+from ..result import range_result
 from .fit import scoring
 from .record import read_record
 from .start import even_weights, grid_start
@@ -46,4 +46,4 @@ def waveform_gaussian(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Datase
     with np.errstate(invalid="ignore"):
         found = record.usable & fit.settled & (height > min_snr * sigma_height) & (sigma < width)
         found &= (t0 > first) & (t0 < last)
-    return shot_result((t0 - record.centroid_s) * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result((t0 - record.centroid_s) * record.m_per_s, sigma * record.m_per_s, found)

@@ -7,7 +7,7 @@ import xarray as xr
 
 from ...scenes.errors import InputError
 from ..registry import estimator
-from ..shots import shot_result
+from ..result import range_result
 from .fit import Fit
 from .record import WaveformRecord, read_record
 from .start import even_weights, fit_echo, likelihood_weights
@@ -24,7 +24,7 @@ def _answer(record: WaveformRecord, fit: Fit, min_snr: float, where: str) -> xr.
     with np.errstate(invalid="ignore"):
         found = record.usable & fit.settled & (height > min_snr * sigma_height) & (sigma_tau < record.width_s)
         found &= (tau > low) & (tau < high)
-    return shot_result(tau * record.m_per_s, sigma_tau * record.m_per_s, found)
+    return range_result(tau * record.m_per_s, sigma_tau * record.m_per_s, found)
 
 
 @estimator(

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..folders.files import write_text
 from ..runner.session import Outcome
-from .tables import read_numbers, to_csv
+from ..scores.tables import read_numbers, to_csv
 
 __all__ = ["COST_COLUMNS", "cost_interval", "cost_row", "read_costs", "write_costs"]
 
@@ -32,7 +32,7 @@ COST_COLUMNS = (*_KEY, "device_class", "elements", "calls", *_TIMES, "source")
 
 def cost_row(key: Mapping[str, Any], outcome: Outcome, *, device_class: str, source: str) -> dict[str, Any]:
     """One row: the key's columns of a score row, and the costs of its outcome."""
-    elements = math.prod(outcome.job.shape)
+    elements = outcome.job.elements
     row: dict[str, Any] = {
         **{name: key[name] for name in _KEY if name != "modality"}, "modality": outcome.job.modality,
         "device_class": device_class, "elements": elements, "calls": len(outcome.cpu_calls), "source": source,

@@ -1,0 +1,18 @@
+"""How captures of amplitude-modulated rangers are judged. Their rig declares no waveform: a calibration changes nothing."""
+
+from __future__ import annotations
+
+from ..bounds.amcw import amcw_bound
+from ..bounds.amcw_scan import amcw_scan
+from .judge import Judge
+from .ranges import range_truth
+
+__all__ = ["JUDGE"]
+
+JUDGE = Judge(
+    truth=range_truth,
+    bound=lambda capture: {"range": amcw_bound(capture)},
+    scan=amcw_scan,
+    neighbours=("amcw-ml", "amcw-phase", "amcw-decade"),
+    scenes=("amcw",),
+)
