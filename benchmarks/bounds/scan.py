@@ -29,10 +29,11 @@ from ...optics.correlation import waveforms
 from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.errors import InputError
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.rigs.waveform import AnalogReadout
-from ...scenes.scene import Scene, amcw_rig, gated_rig, waveform_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.amcw import amcw_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.waveform import AnalogReadout, shown_pulse, waveform_rig
+from ...scenes.scene import Scene
 from .amcw import amcw_noise, background_of
 from .instrument import (
     gate_offsets,

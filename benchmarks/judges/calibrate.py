@@ -32,9 +32,10 @@ import numpy.typing as npt
 
 from ...estimators.calibration.response import gate_from_scan, pulse_from_trace
 from ...optics.correlation import waveforms
-from ...scenes.rigs.declare import optics_gate, optics_pulse
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.scene import Scene, gated_rig, waveform_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.waveform import shown_pulse, waveform_rig
+from ...scenes.sampling import optics_gate, optics_pulse
+from ...scenes.scene import Scene
 from ..suites.spec import Calibration
 from ..suites.suite import CELL_NONE, Cell, capture_key
 

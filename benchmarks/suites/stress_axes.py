@@ -10,7 +10,7 @@ from typing import Any
 from ...optics.water.phase_forms import TabulatedPhase
 from ...scenes.errors import InputError
 from ...scenes.materials import Lambert, Phong
-from ...scenes.rigs.declare import group_index, phase_index
+from ...scenes.medium_index import group_index, phase_index
 from ...scenes.scene import Scene
 
 __all__ = ["AXES", "Axis", "Overrides"]
@@ -112,7 +112,7 @@ def _declare(scene: Scene, path: str, value: Any) -> Overrides:
 
 
 def _wrong_index(scene: Scene, level: float) -> Overrides:
-    wavelength = scene.rig.laser.wavelength_m
+    wavelength = scene.rig.wavelength_m
     group = group_index(scene.medium, wavelength) * (1.0 + level)
     index = {"kind": "explicit", "phase": phase_index(scene.medium, wavelength), "group": group}
     return _declare(scene, "medium.index", index)
@@ -123,7 +123,7 @@ def _wrong_t0(scene: Scene, level: float) -> Overrides:
 
 
 def _wrong_pulse(scene: Scene, level: float) -> Overrides:
-    pulse = getattr(scene.rig.laser, "pulse", None)
+    pulse = getattr(getattr(scene.rig, "laser", None), "pulse", None)
     for name in ("fwhm_s", "width_s"):
         if hasattr(pulse, name):
             return _declare(scene, f"laser.pulse.{name}", getattr(pulse, name) * (1.0 + level))
