@@ -37,7 +37,7 @@ def check_possible(scene: Scene) -> None:
             if _within(item, at):
                 raise _inside(scene, item, who)
     ahead = [float(_reach(item)) for item in scene.target]
-    if max(ahead) <= 0:
+    if ahead and max(ahead) <= 0:
         raise InputError(
             "The whole target lies behind the camera.",
             where=f"{scene.name}: target.{scene.target[int(np.argmax(ahead))].name}.shape.center_m",
@@ -45,7 +45,7 @@ def check_possible(scene: Scene) -> None:
             allowed="something at z > 0: z points forward",
         )
     for who, at in places.items():
-        if who != "camera":
+        if who != "camera" and ahead:
             _check_lamp(scene, who, at, max(ahead))
     rig_kind(scene.modality).check(scene)
 

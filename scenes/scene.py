@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails
 
 from .base import Spec
 from .materials import Material
@@ -27,7 +36,12 @@ def _kind(rig: Any) -> str:
 if TYPE_CHECKING:
     Rig = RigSpec
 else:  # a union of the specs of all kinds, told apart by `kind`
-    Rig = Annotated[Union[tuple(Annotated[rig_kind(n).spec, Tag(n)] for n in RIGS)], Discriminator(_kind)]  # noqa: UP007
+    Rig = Annotated[
+        Union[tuple(Annotated[rig_kind(name).spec, Tag(name)] for name in RIGS)],  # noqa: UP007
+        Discriminator(
+            _kind, custom_error_type="rig_kind", custom_error_message=f"rig.kind should be one of {', '.join(RIGS)}"
+        ),
+    ]
 
 
 class TargetObject(Spec):
@@ -53,16 +67,16 @@ class TargetObject(Spec):
 
 
 class Scene(Spec):
-    """All that a capture is generated from.
+    """All that a capture is generated from: objects, the medium around them, and the rig that records them.
 
-    `declared` is applied over the rig (paths such as "medium.index.group", "laser.pulse.fwhm_s", "t0_s") to make the
-    instrument that estimators are told about: that is how a wrong calibration is staged.
+    `declared` holds {path: value}, applied over rig and medium (paths such as "medium.index.group", "laser.pulse.fwhm_s",
+    "t0_s"). The result is the instrument as estimators see it, so that a wrong calibration is a wrong value there.
     """
 
     schema_version: Literal[1] = 1
     name: Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     title: str
-    target: Annotated[tuple[TargetObject, ...], Field(min_length=1)]
+    target: tuple[TargetObject, ...]
     medium: Medium
     rig: Rig
     declared: dict[str, Any] = Field(default_factory=dict)
@@ -75,7 +89,15 @@ class Scene(Spec):
         return self
 
     @model_validator(mode="after")
-    def _water_is_told_at_the_lasers_wavelength(self) -> Scene:
+    def _rig_has_a_target(self) -> Scene:
+        if not self.target and rig_kind(self.modality).needs_target:
+            short = {"field_type": "Tuple", "min_length": 1, "actual_length": 0}
+            error: InitErrorDetails = {"type": "too_short", "loc": ("target",), "input": [], "ctx": short}
+            raise ValidationError.from_exception_data("Scene", [error])
+        return self
+
+    @model_validator(mode="after")
+    def _water_type_has_the_lasers_wavelength(self) -> Scene:
         water, laser = self.medium.water_type, self.rig.wavelength_m
         if water is not None and abs(water.wavelength_m - laser) > 5e-10:
             raise ValueError(

@@ -28,7 +28,7 @@ from ..quantities import (
     Well,
 )
 from .declaring import as_declared
-from .kind import RigKind, RigScene, RigSpec, other_kind
+from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
 from .parts import Illumination, Receiver, collected_m2_sr, illumination_data
 
 __all__ = ["KIND", "AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation", "amcw_rig"]
@@ -168,4 +168,28 @@ def _places(rig: AmcwRig) -> dict[str, Vec3]:
     return {"camera": (0.0, 0.0, 0.0)}
 
 
-KIND = RigKind("amcw", AmcwRig, declare=_declare, check=_check, sizes=_sizes, places=_places)
+def _view(rig: AmcwRig) -> RigView:
+    return RigView(None, rig.laser.illumination, rig.shots, rig.scan_half_angle_rad)
+
+
+def _resize(side: int) -> dict[str, Any]:
+    return {"rig.shots": side * side}
+
+
+KIND = RigKind(
+    "amcw",
+    AmcwRig,
+    declare=_declare,
+    check=_check,
+    sizes=_sizes,
+    places=_places,
+    view=_view,
+    resize=_resize,
+    roles={
+        "ambient": "rig.ambient_e_per_s",
+        "fluctuation": "rig.laser.power_fluctuation",
+        "gain": "rig.detector.gain_dn_per_e",
+        "light": "rig.laser.power_w",
+        "read-noise": "rig.detector.read_noise_e",
+    },
+)

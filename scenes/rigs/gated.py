@@ -27,8 +27,9 @@ from ..quantities import (
 from ..sampling import MOST_SAMPLES, optics_gate, optics_pulse, rounded, sample_step_s
 from ..waveforms import Gate, Pulse
 from .declaring import as_declared
-from .kind import RigKind, RigScene, RigSpec, other_kind
+from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
 from .parts import Camera, Detector, Illumination
+from .roles import Steps
 
 __all__ = ["KIND", "Delays", "GateMap", "GatedRig", "Laser", "Screen", "gated_rig"]
 
@@ -245,4 +246,39 @@ def _places(rig: GatedRig) -> dict[str, Vec3]:
     return {"camera": (0.0, 0.0, 0.0), "laser": rig.laser.position_m}
 
 
-KIND = RigKind("gated", GatedRig, declare=_declare, check=_check, sizes=_sizes, places=_places)
+def _view(rig: GatedRig) -> RigView:
+    return RigView(rig.camera, rig.laser.illumination)
+
+
+def _resize(side: int) -> dict[str, Any]:
+    return {"rig.camera.rows": side, "rig.camera.cols": side}
+
+
+KIND = RigKind(
+    "gated",
+    GatedRig,
+    declare=_declare,
+    check=_check,
+    sizes=_sizes,
+    places=_places,
+    view=_view,
+    resize=_resize,
+    roles={
+        "ambient": "rig.ambient_e_per_s",
+        "fluctuation": "rig.laser.energy_fluctuation",
+        "full-well": "rig.detector.full_well_e",
+        "gain": "rig.detector.gain_dn_per_e",
+        "gates": "rig.gates",
+        "jitter": "rig.laser.jitter_frame_s",
+        "light": "rig.laser.pulse_energy_j",
+        "motion": "rig.motion_m_per_s",
+        "phosphor": "rig.detector.intensifier.phosphor_sigma_px",
+        "pulse": "rig.laser.pulse",
+        "pulse-width": "rig.laser.pulse.fwhm_s",
+        "read-noise": "rig.detector.read_noise_e",
+        "sampling": Steps("rig.delays.step_s", "rig.delays.count", least=1),
+        "screen": "rig.screen",
+        "shot-jitter": "rig.laser.jitter_shot_s",
+        "start": "rig.delays.start_s",
+    },
+)

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from ..base import Spec, Vec3
 from ..errors import InputError
 from ..medium import Medium
+from .parts import Camera, Illumination
+from .roles import ROLES, Role
 
-__all__ = ["RigKind", "RigScene", "RigSpec", "other_kind"]
+__all__ = ["RigKind", "RigScene", "RigSpec", "RigView", "other_kind"]
 
 
 class RigSpec(Spec, ABC):
@@ -51,6 +53,23 @@ class RigScene(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class RigView:
+    """What a rig looks at and lights, for pictures.
+
+    Main arguments:
+        camera: the camera, None for a single detector whose shots scan.
+        beam: profile of the light, None for a rig that sends out none.
+    Other arguments:
+        shots, scan_half_angle_rad: shots look along even angles from −a to +a in the x-z plane.
+    """
+
+    camera: Camera | None
+    beam: Illumination | None
+    shots: int = 1
+    scan_half_angle_rad: float = 0.0
+
+
 RigT = TypeVar("RigT", bound=RigSpec)
 
 
@@ -64,6 +83,11 @@ class RigKind(Generic[RigT]):
         check: scene -> None; raises InputError for a rig whose values are allowed one by one and impossible together.
         sizes: rig -> samples per element, rows and columns of elements of a capture.
         places: rig -> where the camera ("camera") and each lamp that stands apart from it ("laser") are, m.
+        view: rig -> what it looks at and lights, for pictures.
+        resize: side -> overrides {path: value} that leave side² elements, for quick searches.
+        roles: role (a name of `roles.ROLES`) -> path of the scene, or a record.
+    Other arguments:
+        needs_target: whether a scene with this rig must hold an object.
     """
 
     name: str
@@ -72,6 +96,14 @@ class RigKind(Generic[RigT]):
     check: Callable[[RigScene], None]
     sizes: Callable[[RigT], tuple[int, int, int]]
     places: Callable[[RigT], dict[str, Vec3]]
+    view: Callable[[RigT], RigView]
+    resize: Callable[[int], dict[str, Any]]
+    roles: Mapping[str, Role]
+    needs_target: bool = True
+
+    def __post_init__(self) -> None:
+        if unknown := set(self.roles) - set(ROLES):
+            raise ValueError(f"the kind {self.name!r} names roles that do not exist: {sorted(unknown)}")
 
 
 def other_kind(scene: RigScene, wanted: str) -> InputError:

@@ -35,8 +35,9 @@ from ..quantities import (
 from ..sampling import optics_pulse, rounded, sample_step_s
 from ..waveforms import Pulse
 from .declaring import as_declared
-from .kind import RigKind, RigScene, RigSpec, other_kind
+from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
 from .parts import Illumination, Receiver, collected_m2_sr, illumination_data
+from .roles import Steps
 
 __all__ = [
     "KIND", "AnalogReadout", "Avalanche", "ImpulseResponse", "Photodetector", "PulsedLaser", "Record",
@@ -245,4 +246,34 @@ def _places(rig: WaveformRig) -> dict[str, Vec3]:
     return {"camera": (0.0, 0.0, 0.0)}
 
 
-KIND = RigKind("waveform", WaveformRig, declare=_declare, check=_check, sizes=_sizes, places=_places)
+def _view(rig: WaveformRig) -> RigView:
+    return RigView(None, rig.laser.illumination, rig.record.shots, rig.record.scan_half_angle_rad)
+
+
+def _resize(side: int) -> dict[str, Any]:
+    return {"rig.record.shots": side * side}
+
+
+KIND = RigKind(
+    "waveform",
+    WaveformRig,
+    declare=_declare,
+    check=_check,
+    sizes=_sizes,
+    places=_places,
+    view=_view,
+    resize=_resize,
+    roles={
+        "ambient": "rig.ambient_e_per_s",
+        "fluctuation": "rig.laser.energy_fluctuation",
+        "gain": "rig.detector.readout.gain_dn_per_e",
+        "jitter": "rig.laser.jitter_shot_s",
+        "light": "rig.laser.pulse_energy_j",
+        "pulse": "rig.laser.pulse",
+        "pulse-width": "rig.laser.pulse.fwhm_s",
+        "read-noise": "rig.detector.readout.read_noise_e",
+        "sampling": Steps("rig.record.step_s", "rig.record.samples", least=4),
+        "shot-jitter": "rig.laser.jitter_pulse_s",
+        "start": "rig.record.start_s",
+    },
+)
