@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scenes.errors import InputError
-from ..scenes.rigs.gated import Detector, Intensifier
+from ..scenes.rigs.parts import Detector, Intensifier
 from .random import Stage, blocks, generator
 
 __all__ = ["FixedPattern", "detect", "fixed_pattern"]

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from ..captures.build import make_capture
 from ..optics.correlation import waveforms
 from ..optics.correlation.gate_maps import gate_offset_map
+from ..scenes.declared import declared_rig
 from ..scenes.errors import InputError
-from ..scenes.rigs.declare import declared_rig, optics_gate
-from ..scenes.scene import Scene, gated_rig
+from ..scenes.rigs.gated import gated_rig
+from ..scenes.sampling import optics_gate
+from ..scenes.scene import Scene
 from .detector import detect, fixed_pattern
 from .gated.direct import DirectScene, gate_tables, render_direct
 from .gated.effects import catalogue

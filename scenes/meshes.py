@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .load import LIBRARY
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
+from .spec_files import LIBRARY
 
 __all__ = [
     "MeshArrays", "load_grid", "measure_shape", "mesh_uv", "read_array", "resolve_file", "rotation_matrix", "shape_mesh",

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..optics.correlation import waveforms
 from .errors import InputError
 from .medium import WaterIndex
-from .rigs.amcw import AmcwRig
-from .rigs.gated import GatedRig
-from .sampling import gated_sample_step
+from .meshes import rotation_matrix
+from .rigs import rig_kind
 from .scene import Scene, TargetObject
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Sphere
 
@@ -33,46 +31,39 @@ def check_possible(scene: Scene) -> None:
             many or too few; an integration shorter than a period of
             the modulation.
     """
-    places: dict[str, Float] = {"camera": np.zeros(3)}
-    if isinstance(scene.rig, GatedRig):
-        places["laser"] = np.asarray(scene.rig.laser.position_m, dtype=np.float64)
+    places = _places(scene)
     for item in scene.target:
         for who, at in places.items():
             if _within(item, at):
                 raise _inside(scene, item, who)
     ahead = [float(_reach(item)) for item in scene.target]
-    if max(ahead) <= 0:
+    if ahead and max(ahead) <= 0:
         raise InputError(
             "The whole target lies behind the camera.",
             where=f"{scene.name}: target.{scene.target[int(np.argmax(ahead))].name}.shape.center_m",
             value=list(scene.target[int(np.argmax(ahead))].shape.center_m),
             allowed="something at z > 0: z points forward",
         )
-    if isinstance(scene.rig, GatedRig):
-        _check_laser(scene, places["laser"], max(ahead))
-        _check_gates(scene, scene.rig)
-        gated_sample_step(scene.rig, scene.name)
-    if isinstance(scene.rig, AmcwRig):
-        modulation = scene.rig.modulation
-        slowest = min(modulation.frequencies_hz)
-        if slowest * modulation.integration_s < 1.0:
-            raise InputError(
-                "A sample is integrated for less than one period of the modulation.",
-                where=f"{scene.name}: rig.modulation.integration_s",
-                value=modulation.integration_s,
-                allowed=f"at least {1.0 / slowest:g} s, a period of {slowest:g} Hz",
-            )
+    for who, at in places.items():
+        if who != "camera" and ahead:
+            _check_lamp(scene, who, at, max(ahead))
+    rig_kind(scene.modality).check(scene)
+
+
+def _places(scene: Scene) -> dict[str, Float]:
+    """Where camera and lamps stand, m."""
+    places = rig_kind(scene.modality).places(scene.rig)
+    return {who: np.asarray(at, dtype=np.float64) for who, at in places.items()}
 
 
 def check_solid(scene: Scene, item: TargetObject, vertices: Float, faces: NDArray[np.int64]) -> None:
     """Refuse a camera or laser inside a closed mesh, given its triangles. Raises InputError."""
     if not isinstance(item.shape, MeshFile):
         return
-    places = {"camera": np.zeros(3)}
-    if isinstance(scene.rig, GatedRig) and any(scene.rig.laser.position_m):
-        places["laser"] = np.asarray(scene.rig.laser.position_m, dtype=np.float64)
+    places = _places(scene)
     for who, at in places.items():
-        if inside_closed(at, vertices, faces):
+        coincides = who != "camera" and np.array_equal(at, places["camera"])
+        if not coincides and inside_closed(at, vertices, faces):
             raise _inside(scene, item, who)
 
 
@@ -98,9 +89,8 @@ def inside_closed(point: Float, vertices: Float, faces: NDArray[np.int64]) -> bo
 
 
 def _inside(scene: Scene, item: TargetObject, who: str) -> InputError:
-    what = "The camera is inside a target." if who == "camera" else "The laser is inside a target."
     return InputError(
-        what,
+        f"The {who} is inside a target.",
         where=f"{scene.name}: target.{item.name}.shape",
         value=item.shape.model_dump(mode="json"),
         allowed=f"the {who} outside of every solid, and not on a surface",
@@ -114,8 +104,6 @@ def _within(item: TargetObject, at: Float) -> bool:
     if isinstance(shape, Sphere):
         return float(np.linalg.norm(offset)) <= shape.radius_m + _CONTACT_M
     if isinstance(shape, Box):
-        from .meshes import rotation_matrix
-
         local = rotation_matrix(shape.rotation_deg).T @ offset
         return bool(np.all(np.abs(local) <= 0.5 * np.asarray(shape.size_m) + _CONTACT_M))
     if isinstance(shape, Rectangle):
@@ -126,8 +114,6 @@ def _within(item: TargetObject, at: Float) -> bool:
 
 
 def _turned(shape: Rectangle | HeightGrid) -> Float:
-    from .meshes import rotation_matrix
-
     return rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0))
 
 
@@ -138,8 +124,6 @@ def _reach(item: TargetObject) -> float:
     if isinstance(shape, Sphere):
         return z + float(shape.radius_m)
     if isinstance(shape, Box):
-        from .meshes import rotation_matrix
-
         return z + 0.5 * float(np.abs(rotation_matrix(shape.rotation_deg))[2] @ np.asarray(shape.size_m))
     if isinstance(shape, Rectangle):
         turn = np.abs(_turned(shape))[2]
@@ -149,23 +133,23 @@ def _reach(item: TargetObject) -> float:
     return float("inf")  # a grid's height follows from its file
 
 
-def _check_laser(scene: Scene, laser: Float, furthest: float) -> None:
-    where = f"{scene.name}: rig.laser.position_m"
+def _check_lamp(scene: Scene, who: str, at: Float, furthest: float) -> None:
+    where = f"{scene.name}: rig.{who}.position_m"
     wet = scene.medium.attenuation_per_m > 0 or isinstance(scene.medium.index, WaterIndex)
-    if wet and laser[2] < 0:
+    if wet and at[2] < 0:
         raise InputError(
-            "The laser lies behind the window: its light would cross the housing, not the water.",
+            f"The {who} lies behind the window: its light would cross the housing, not the water.",
             where=where,
-            value=laser.tolist(),
+            value=at.tolist(),
             allowed="z ≥ 0 in water; the window and the entrance pupil lie at z = 0",
         )
     planes = [item.shape for item in scene.target if isinstance(item.shape, Rectangle)]
-    hidden = len(planes) == len(scene.target) and all(_opposite(shape, laser) for shape in planes)
-    if laser[2] >= furthest or hidden:
+    hidden = len(planes) == len(scene.target) and all(_opposite(shape, at) for shape in planes)
+    if at[2] >= furthest or hidden:
         raise InputError(
-            "The laser lies behind the target: no surface that the camera sees is lit.",
+            f"The {who} lies behind the target: no surface that the camera sees is lit.",
             where=where,
-            value=laser.tolist(),
+            value=at.tolist(),
             allowed=f"z below {furthest:g} m, on the camera's side of the target",
         )
 
@@ -175,18 +159,3 @@ def _opposite(shape: Rectangle, laser: Float) -> bool:
     normal = _turned(shape)[:, 2]
     centre = np.asarray(shape.center_m)
     return bool((normal @ centre) * (normal @ (centre - laser)) < 0)
-
-
-def _check_gates(scene: Scene, rig: GatedRig) -> None:
-    period = rig.detector.exposure_s / rig.pulses_per_slice
-    for number, gate in enumerate(rig.gates):
-        low, high = waveforms.gate_support(waveforms.gate_from_spec(gate))
-        area = waveforms.gate_area(waveforms.gate_from_spec(gate))
-        if area > period:
-            raise InputError(
-                "A gate is open for longer than the time between two pulses.",
-                where=f"{scene.name}: rig.gates.{number}",
-                value=f"open for {area:.4g} s ({high - low:.4g} s with its tails)",
-                allowed=f"below exposure_s/pulses_per_slice = {period:.4g} s",
-                next_step="shorten the gate, or lower rig.pulses_per_slice, or raise rig.detector.exposure_s",
-            )

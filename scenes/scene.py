@@ -2,36 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails
 
 from .base import Spec
-from .errors import InputError
 from .materials import Material
 from .medium import Medium
-from .rigs.amcw import AmcwRig
-from .rigs.gated import GatedRig
-from .rigs.waveform import WaveformRig
+from .rigs import RIGS, rig_kind
+from .rigs.kind import RigSpec
 from .shapes import Box, Shape
 from .textures import Texture
 
-__all__ = ["RIG_KINDS", "Rig", "Scene", "TargetObject", "amcw_rig", "gated_rig", "sizes_of", "waveform_rig"]
-
-#: Kinds of rig, which are the modalities of captures.
-RIG_KINDS = ("gated", "waveform", "amcw")
+__all__ = ["Rig", "Scene", "TargetObject", "sizes_of"]
 
 
 def _kind(rig: Any) -> str:
-    """The kind of a rig, as data or as spec; a rig that does not say is a gated one."""
-    found = rig.get("kind", "gated") if isinstance(rig, dict) else getattr(rig, "kind", "gated")
+    """The kind of a rig, as data or as spec; one that does not say is of the table's first kind."""
+    first = next(iter(RIGS))
+    found = rig.get("kind", first) if isinstance(rig, dict) else getattr(rig, "kind", first)
     return str(found)
 
 
-Rig = Annotated[
-    Annotated[GatedRig, Tag("gated")] | Annotated[WaveformRig, Tag("waveform")] | Annotated[AmcwRig, Tag("amcw")],
-    Discriminator(_kind),
-]
+if TYPE_CHECKING:
+    Rig = RigSpec
+else:  # a union of the specs of all kinds, told apart by `kind`
+    Rig = Annotated[
+        Union[tuple(Annotated[rig_kind(name).spec, Tag(name)] for name in RIGS)],  # noqa: UP007
+        Discriminator(
+            _kind, custom_error_type="rig_kind", custom_error_message=f"rig.kind should be one of {', '.join(RIGS)}"
+        ),
+    ]
 
 
 class TargetObject(Spec):
@@ -57,16 +67,16 @@ class TargetObject(Spec):
 
 
 class Scene(Spec):
-    """All that a capture is generated from.
+    """All that a capture is generated from: objects, the medium around them, and the rig that records them.
 
-    `declared` is applied over the rig (paths such as "medium.index.group", "laser.pulse.fwhm_s", "t0_s") to make the
-    instrument that estimators are told about: that is how a wrong calibration is staged.
+    `declared` holds {path: value}, applied over rig and medium (paths such as "medium.index.group", "laser.pulse.fwhm_s",
+    "t0_s"). The result is the instrument as estimators see it, so that a wrong calibration is a wrong value there.
     """
 
     schema_version: Literal[1] = 1
     name: Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     title: str
-    target: Annotated[tuple[TargetObject, ...], Field(min_length=1)]
+    target: tuple[TargetObject, ...]
     medium: Medium
     rig: Rig
     declared: dict[str, Any] = Field(default_factory=dict)
@@ -79,8 +89,16 @@ class Scene(Spec):
         return self
 
     @model_validator(mode="after")
-    def _water_is_told_at_the_lasers_wavelength(self) -> Scene:
-        water, laser = self.medium.water_type, self.rig.laser.wavelength_m
+    def _rig_has_a_target(self) -> Scene:
+        if not self.target and rig_kind(self.modality).needs_target:
+            short = {"field_type": "Tuple", "min_length": 1, "actual_length": 0}
+            error: InitErrorDetails = {"type": "too_short", "loc": ("target",), "input": [], "ctx": short}
+            raise ValidationError.from_exception_data("Scene", [error])
+        return self
+
+    @model_validator(mode="after")
+    def _water_type_has_the_lasers_wavelength(self) -> Scene:
+        water, laser = self.medium.water_type, self.rig.wavelength_m
         if water is not None and abs(water.wavelength_m - laser) > 5e-10:
             raise ValueError(
                 f"medium.water_type.wavelength_m {water.wavelength_m:g} is not that of the laser, {laser:g}"
@@ -93,40 +111,7 @@ class Scene(Spec):
         return self.rig.kind
 
 
-def gated_rig(scene: Scene) -> GatedRig:
-    """The scene's rig, which must be gated. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, GatedRig):
-        raise _other(scene, "gated")
-    return scene.rig
-
-
-def waveform_rig(scene: Scene) -> WaveformRig:
-    """The scene's rig, which must be a waveform rig. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, WaveformRig):
-        raise _other(scene, "waveform")
-    return scene.rig
-
-
-def amcw_rig(scene: Scene) -> AmcwRig:
-    """The scene's rig, which must be an AMCW rig. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, AmcwRig):
-        raise _other(scene, "amcw")
-    return scene.rig
-
-
 def sizes_of(scene: Scene) -> tuple[int, int, int]:
     """Samples per element, rows and columns of elements of the scene's captures: slices of pixels of a stack; samples
     of a row of shots for waveforms, and frequencies × phases of them for amplitude modulation."""
-    rig = scene.rig
-    if isinstance(rig, GatedRig):
-        slices = len(rig.gates) * rig.delays.count * rig.delays.repeats + rig.delays.laser_off
-        return slices, rig.camera.rows, rig.camera.cols
-    if isinstance(rig, WaveformRig):
-        return rig.record.samples, 1, rig.record.shots
-    return len(rig.modulation.frequencies_hz) * rig.modulation.phase_steps, 1, rig.shots
-
-
-def _other(scene: Scene, wanted: str) -> InputError:
-    return InputError(
-        f"This works on {wanted} scenes only.", where=f"{scene.name}: rig.kind", value=scene.rig.kind, allowed=wanted
-    )
+    return rig_kind(scene.modality).sizes(scene.rig)

@@ -11,6 +11,8 @@ from pydantic import Field, field_validator
 
 from .base import Spec
 from .errors import InputError
+from .meshes import load_grid, read_array, resolve_file, rotation_matrix
+from .shapes import HeightGrid, Rectangle, Sphere
 
 __all__ = ["Texture", "bilinear", "load_texture", "surface_uv"]
 
@@ -46,8 +48,6 @@ def load_texture(texture: Texture, where: str) -> Float:
     Raises:
         InputError: no such file, damaged, of another form, or values outside 0 … 1.
     """
-    from .meshes import read_array, resolve_file
-
     if texture.file.lower().endswith(".png"):
         value = _read_png(resolve_file(texture.file, where), where)
         if texture.encoding == "srgb":
@@ -105,9 +105,6 @@ def bilinear(image: Float, u: Float, v: Float, *, around: bool = False) -> Float
 
 def surface_uv(shape: Any, point: Float) -> tuple[Float, Float]:
     """(u, v) of points (3, n) on a rectangle, relief or sphere. Raises TypeError for other shapes (meshes bring theirs)."""
-    from .meshes import load_grid, rotation_matrix
-    from .shapes import HeightGrid, Rectangle, Sphere
-
     offset = point - np.asarray(shape.center_m)[:, None]
     if isinstance(shape, Sphere):
         u = 0.5 + np.arctan2(offset[0], -offset[2]) / (2.0 * np.pi)

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from beambench.generator.gated.full import Slices
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 C = 299_792_458.0
 Float = NDArray[np.float64]

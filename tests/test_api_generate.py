@@ -187,7 +187,7 @@ def relief(tmp_path: Path) -> Iterator[Path]:
     """A scene file with a grid of heights beside it."""
     import tomllib
 
-    from beambench.scenes.load import LIBRARY
+    from beambench.scenes.spec_files import LIBRARY
 
     folder = tmp_path / "scene"
     folder.mkdir()

@@ -18,7 +18,8 @@ from beambench.optics.correlation import waveforms
 from beambench.optics.likelihood import fisher
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index, optics_gate, optics_pulse
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.sampling import optics_gate, optics_pulse
 from beambench.scenes.scene import Scene
 
 ROWS, COLS = 4, 6

@@ -16,8 +16,8 @@ from beambench.estimators.response import correlate_samples
 from beambench.optics.constants import C_M_PER_S
 from beambench.optics.correlation import response as correlation
 from beambench.optics.correlation import waveforms
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import declared_rig
 
 STEP = 1e-11
 GAUSSIAN = waveforms.GaussianPulse(1e-9)

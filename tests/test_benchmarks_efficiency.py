@@ -29,7 +29,7 @@ from beambench.benchmarks.written.gated import drawn_counts, response_area_s, wr
 from beambench.estimators import list_estimators
 from beambench.optics.likelihood.model import NoiseModel
 from beambench.optics.likelihood.sample import pmf
-from beambench.scenes.scene import gated_rig
+from beambench.scenes.rigs.gated import gated_rig
 
 REDUCED = [
     Cell("gaussian", 1e3, 0.1, 0.4), Cell("gaussian", 1e4, 1.0, 0.25, 1.0), Cell("exponential", 1e3, 1.0, 0.4),

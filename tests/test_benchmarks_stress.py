@@ -8,9 +8,9 @@ import pytest
 
 from beambench.benchmarks.suites.stress import AXES, axis_overrides, axis_unit, list_axes, stressed
 from beambench.benchmarks.suites.suite import SUITES, cells_of, list_suites, load_suite
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import declared_rig
 
 #: A level of every axis that is not neutral and fits the flat wall.
 LEVELS = {

@@ -17,8 +17,10 @@ from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, generate
 from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index
-from beambench.scenes.scene import Scene, amcw_rig, waveform_rig
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.rigs.amcw import amcw_rig
+from beambench.scenes.rigs.waveform import waveform_rig
+from beambench.scenes.scene import Scene
 
 Float = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
 from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import gated_rig
+from beambench.scenes.rigs.gated import gated_rig
 
 HALF_C = C_M_PER_S / 2
 TRIALS = (100, 200)  # 20,000 per cell

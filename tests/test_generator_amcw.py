@@ -15,8 +15,8 @@ from beambench.optics.amcw import correlation_sample
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index
-from beambench.scenes.scene import amcw_rig
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.rigs.amcw import amcw_rig
 
 PENCIL: dict[str, Any] = {
     "rig.laser.illumination": {"profile": "flat-top", "half_angle_rad": 1e-5, "offset_rad": [0.0, 0.0]},

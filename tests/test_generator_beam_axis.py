@@ -10,8 +10,8 @@ from beambench.generator.ranger import footprint
 from beambench.generator.rays import echo
 from beambench.optics import illumination
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.gated import Illumination
-from beambench.scenes.scene import gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.rigs.parts import Illumination
 
 OFFSET = (0.31, -0.22)
 #: The beam's axis by hand: azimuth .31 to the right, then .22 up from the horizontal plane (y points down).

@@ -14,7 +14,8 @@ from beambench.generator.generate import generate
 from beambench.generator.ranger.choose import ranger_sizes
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 SMALL = {"rig.camera.rows": 24, "rig.camera.cols": 24, "rig.camera.focal_length_m": 9e-4}
 

@@ -18,7 +18,8 @@ from beambench.generator.gated.direct import response_width_s
 from beambench.generator.gated.full import Limits, Remainder, render_remainder
 from beambench.generator.generate import generate
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 from ._gate_closed_form import electrons_per_radiance, slices_of
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from beambench.generator.detector import FixedPattern, detect, fixed_pattern
 from beambench.generator.random import BLOCK_ROWS, Stage, blocks, generator
-from beambench.scenes.rigs.gated import Detector, Intensifier
+from beambench.scenes.rigs.parts import Detector, Intensifier
 
 BASE: dict[str, object] = {
     "dark_current_e_per_s": 0.0, "exposure_s": 1e-3, "read_noise_e": 0.0, "prnu": 0.0, "dsnu_e": 0.0,

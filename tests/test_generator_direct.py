@@ -15,7 +15,7 @@ from beambench.generator.gated.direct import DirectScene, gate_tables, render_di
 from beambench.generator.rays.returns import Returns, gather_returns, render_stack
 from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index
+from beambench.scenes.medium_index import group_index
 from beambench.scenes.scene import Scene
 
 C = 299_792_458.0

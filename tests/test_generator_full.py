@@ -15,7 +15,8 @@ from beambench.generator.generate import expected_electrons, generate
 from beambench.generator.rays.trace import pixel_directions
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 from ._gate_closed_form import gate_response, slices_of
 

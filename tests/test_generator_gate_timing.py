@@ -15,10 +15,11 @@ from beambench.optics.correlation import waveforms
 from beambench.optics.correlation.response import correlation, tabulate
 from beambench.optics.likelihood.model import NoiseModel
 from beambench.optics.likelihood.sample import pmf
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import declared_rig
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 WATER: dict[str, Any] = {
     "name": "murky", "index": {"kind": "explicit", "phase": 1.34, "group": 1.36}, "absorption_per_m": 0.1,

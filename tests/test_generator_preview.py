@@ -17,7 +17,8 @@ from beambench.cli import main
 from beambench.generator.gated.direct import render_direct
 from beambench.optics import colorimetry
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pyrender") is None, reason="pyrender is not installed")
 

@@ -25,8 +25,10 @@ from beambench.optics.water.halo import forward_share
 from beambench.optics.water.phase_forms import phase_density
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index
-from beambench.scenes.scene import Scene, amcw_rig, waveform_rig
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.rigs.amcw import amcw_rig
+from beambench.scenes.rigs.waveform import waveform_rig
+from beambench.scenes.scene import Scene
 
 FF = {"kind": "fournier-forand", "index": 1.10, "slope": 3.58}
 WATER: dict[str, Any] = {

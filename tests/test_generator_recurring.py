@@ -10,7 +10,8 @@ import pytest
 from beambench.generator.gated import direct as module
 from beambench.generator.gated.direct import render_direct
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 SIZE, PITCH = 12, 0.02  # tangent of the angle between pixels
 SMALL: dict[str, Any] = {

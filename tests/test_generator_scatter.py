@@ -25,8 +25,9 @@ from beambench.optics.water.phase_forms import FournierForand, HenyeyGreenstein,
 from beambench.optics.water.single import coaxial_far_field, radiance_between
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 INDEX = {"kind": "explicit", "phase": 1.34, "group": 1.36}
 FF = {"kind": "fournier-forand", "index": 1.1, "slope": 3.58}

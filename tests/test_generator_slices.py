@@ -13,8 +13,10 @@ from beambench.optics.constants import C_M_PER_S
 from beambench.optics.correlation.response import correlation
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import group_index, optics_gate, optics_pulse
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.sampling import optics_gate, optics_pulse
+from beambench.scenes.scene import Scene
 
 SMALL = {
     "rig.camera.rows": 5,

@@ -18,7 +18,8 @@ from beambench.generator.rays.echo import textured_response
 from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.optics.reflection.angles import monostatic
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 Float = NDArray[np.float64]
 

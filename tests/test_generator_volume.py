@@ -12,7 +12,8 @@ from beambench.generator.rays.backend import mitsuba
 from beambench.generator.rays.trace import pixel_directions
 from beambench.optics.water.phase_forms import FournierForand, HenyeyGreenstein, PhaseFunction, phase_density
 from beambench.scenes.load import load_scene
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 from ._gate_closed_form import electrons_per_radiance, gate_response, slices_of
 

@@ -18,7 +18,8 @@ from beambench.generator.paths.world import PathWorld
 from beambench.generator.rays.backend import mitsuba
 from beambench.scenes.load import load_scene
 from beambench.scenes.materials import Lambert
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
 
 from ._gate_closed_form import electrons_per_radiance, gate_response, slices_of
 

@@ -16,10 +16,11 @@ from beambench.generator.ranger.footprint import sunflower_cone
 from beambench.optics import pile_up
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
 from beambench.optics.correlation import detector_response, waveforms
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
-from beambench.scenes.rigs.declare import declared_rig, group_index
-from beambench.scenes.scene import waveform_rig
+from beambench.scenes.medium_index import group_index
+from beambench.scenes.rigs.waveform import waveform_rig
 
 #: One ray's worth of beam: its footprint is flat and its echo a point's.
 PENCIL = {

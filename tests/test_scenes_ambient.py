@@ -13,10 +13,11 @@ from beambench.cli import main
 from beambench.generator.generate import generate
 from beambench.optics import ambient, colorimetry
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
-from beambench.scenes.load import LIBRARY, load_scene
-from beambench.scenes.rigs.declare import declared_rig
+from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene
+from beambench.scenes.spec_files import LIBRARY
 
 LIGHT: dict[str, Any] = {
     "kind": "spectrum", "illuminant": "D65", "illuminance_lux": 1000.0, "reflectance": 0.5,

@@ -9,12 +9,12 @@ import pytest
 
 from beambench.generator.detector import FixedPattern, detect
 from beambench.optics.correlation.waveforms import GaussianPulse, RectangularGate, sample_pulse
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 from beambench.scenes.overrides import apply_overrides, parse_assignments
-from beambench.scenes.rigs.declare import declared_rig
+from beambench.scenes.rigs.gated import gated_rig
 from beambench.scenes.sampling import MOST_SAMPLES, response_table
-from beambench.scenes.scene import gated_rig
 
 BAD = [
     ("flat-wall", "rig.laser.jitter_frame_s", 1e300),

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
-from beambench.scenes.load import LIBRARY, list_scenes, load_scene
+from beambench.scenes.load import list_scenes, load_scene
 from beambench.scenes.meshes import load_grid, measure_shape, rotation_matrix, shape_mesh
 from beambench.scenes.overrides import apply_overrides, parse_assignments
-from beambench.scenes.rigs.declare import declared_rig
 from beambench.scenes.scene import Scene
+from beambench.scenes.spec_files import LIBRARY
 
 
 def test_the_library_is_not_empty_and_every_scene_loads() -> None:

@@ -14,9 +14,11 @@ from beambench.cli import main
 from beambench.generator.generate import capture_key_of, generate
 from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.scenes.errors import InputError
-from beambench.scenes.load import LIBRARY, load_scene
+from beambench.scenes.load import load_scene
 from beambench.scenes.meshes import load_grid
-from beambench.scenes.scene import Scene, gated_rig
+from beambench.scenes.rigs.gated import gated_rig
+from beambench.scenes.scene import Scene
+from beambench.scenes.spec_files import LIBRARY
 from beambench.scenes.textures import Texture, bilinear, load_texture
 
 RAMP = np.linspace(0.1, 0.9, 64)[None, :] * np.linspace(1.0, 0.5, 48)[:, None]

@@ -54,7 +54,7 @@ def estimate(
     from ..captures import open_captures
     from ..captures.estimates import write_estimates
     from ..scenes.errors import InputError
-    from ..scenes.load import validate_spec
+    from ..scenes.validate import validate_spec
 
     labels = [chosen.label for chosen in check_estimators(estimators)]
     if not labels:

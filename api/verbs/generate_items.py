@@ -39,7 +39,8 @@ class Item:
 def is_suite(source: Any) -> bool:
     """Whether `source` names a suite, or is a file of one."""
     from ..benchmarks.suites.suite import list_suites
-    from ..scenes.load import list_scenes, read_spec_file
+    from ..scenes.load import list_scenes
+    from ..scenes.spec_files import read_spec_file
 
     if not isinstance(source, str | Path):
         return False

@@ -101,7 +101,7 @@ def scenes_preview(
         "rows": drawn.picture.shape[0],
         "cols": drawn.picture.shape[1],
         "target_share": drawn.seen,
-        "laser_nm": round(loaded.rig.laser.wavelength_m * 1e9, 3),
+        "laser_nm": round(loaded.rig.wavelength_m * 1e9, 3),
         "laser_visible": drawn.visible,
         "laser_rgb": list(drawn.laser_rgb),
     }

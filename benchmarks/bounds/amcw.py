@@ -19,9 +19,8 @@ from ...optics.amcw import modulation_wavelength
 from ...optics.constants import C_M_PER_S
 from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
-from ...scenes.rigs.amcw import AmcwRig
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import amcw_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.amcw import AmcwRig, amcw_rig
 from ..scores.truth import Bound
 from .instrument import bounded, true_scene, unbounded
 from .waveform import profiled_sigma

@@ -9,8 +9,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...optics.constants import C_M_PER_S
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, amcw_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.amcw import amcw_rig
+from ...scenes.scene import Scene
 from .amcw import amcw_noise, background_of
 from .scan import Elements, Scan, levels, make_scan, need_truth
 

@@ -26,9 +26,8 @@ import xarray as xr
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import response as correlation
 from ...optics.likelihood.fisher_table import information_table
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.gated import GatedRig
-from ...scenes.scene import gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import GatedRig, gated_rig
 from ..scores.truth import Bound
 from .instrument import (
     bounded,

@@ -10,8 +10,9 @@ import xarray as xr
 
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import response as correlation
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from .instrument import (
     gate_offsets,
     gated_responses,

@@ -20,11 +20,10 @@ from ...optics.correlation import response as correlation
 from ...optics.correlation import waveforms
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.errors import InputError
-from ...scenes.load import validate_spec
-from ...scenes.rigs.declare import optics_gate, optics_pulse
 from ...scenes.rigs.gated import GatedRig
-from ...scenes.sampling import response_table
+from ...scenes.sampling import optics_gate, optics_pulse, response_table
 from ...scenes.scene import Scene
+from ...scenes.validate import validate_spec
 from ..scores.truth import Bound
 
 __all__ = [

@@ -24,10 +24,8 @@ from ...optics.correlation import waveforms
 from ...optics.correlation.response import Table, lookup, tabulate
 from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig
-from ...scenes.scene import waveform_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
 from ..scores.truth import Bound
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 

@@ -11,10 +11,9 @@ import xarray as xr
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import response as correlation
 from ...optics.correlation import waveforms
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.rigs.waveform import AnalogReadout
-from ...scenes.scene import Scene, waveform_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.waveform import AnalogReadout, shown_pulse, waveform_rig
+from ...scenes.scene import Scene
 from .instrument import response_std_s
 from .scan import Elements, Scan, levels, make_scan, need_truth, table_shapes
 from .waveform import analog_noise

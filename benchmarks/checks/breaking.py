@@ -115,8 +115,8 @@ def check_search(regions: Sequence[Region], *, budget: int = 300) -> Iterator[Fo
 
 def check_captures(count: int, *, budget: int = 300, side: int = 8) -> Iterator[Found]:
     """Search for each bug of an estimator that runs on generated captures, and repeat each find."""
+    from ...scenes.declared import declared_rig
     from ...scenes.load import load_scene
-    from ...scenes.rigs.declare import declared_rig
     from ..run import run_suite
     from ..search.break_run import break_estimator
 

@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenes.load import load_scene
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..judges.bound import bound_of
 from ..scores.truth import Bound
 from ..written.gated import response_area_s, written_capture

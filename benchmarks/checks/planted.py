@@ -23,7 +23,7 @@ from ...estimators.gated.poisson_ml import poisson_ml
 from ...estimators.gated.weighted_average import weighted_average
 from ...estimators.registry import estimator
 from ...scenes.load import load_scene
-from ...scenes.scene import gated_rig
+from ...scenes.rigs.gated import gated_rig
 from ..search.space import SPACE, Dimension
 
 __all__ = ["DIMENSIONS", "READABLE", "fading", "fading_rate", "inside", "planted", "region_text", "registered"]

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ...optics.constants import C_M_PER_S
-from ...scenes.scene import gated_rig
+from ...scenes.rigs.gated import gated_rig
 from ..bounds.ziv_zakai import local_bound
 from ..judges.bound import scan_of
 from ..written.gated import response_area_s, written_capture

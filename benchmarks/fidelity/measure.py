@@ -28,7 +28,8 @@ from ...generator.gated.full import SAMPLING, Limits, Slices, gate_offset, rende
 from ...generator.gated.scatter import render_scatter, scattered_electrons
 from ...generator.generate import expected_electrons, slice_coordinates, slice_settings
 from ...generator.paths.world import PathWorld
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 
 __all__ = ["PEER_ENOUGH", "RTOLS", "RUNGS", "References", "SceneRungs", "measure_scene", "verdict"]
 

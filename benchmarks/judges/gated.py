@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ...estimators.calibration.response import gate_from_scan, pulse_from_trace
-from ...scenes.rigs.declare import optics_gate, optics_pulse
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.sampling import optics_gate, optics_pulse
+from ...scenes.scene import Scene
 from ..bounds.gated import gated_bound
 from ..bounds.gated_scan import gated_scan
 from ..suites.spec import Calibration

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ...estimators.calibration.response import pulse_from_trace
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.scene import Scene, waveform_rig
+from ...scenes.rigs.waveform import shown_pulse, waveform_rig
+from ...scenes.scene import Scene
 from ..bounds.waveform import waveform_bound
 from ..bounds.waveform_scan import waveform_scan
 from ..suites.spec import Calibration

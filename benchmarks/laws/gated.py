@@ -48,9 +48,11 @@ def made_up_capture(
 
     from ...captures.build import make_capture
     from ...optics.correlation.response import correlation
+    from ...scenes.declared import declared_rig
     from ...scenes.load import load_scene
-    from ...scenes.rigs.declare import declared_rig, group_index, optics_gate, optics_pulse
-    from ...scenes.scene import gated_rig
+    from ...scenes.medium_index import group_index
+    from ...scenes.rigs.gated import gated_rig
+    from ...scenes.sampling import optics_gate, optics_pulse
 
     scene = load_scene("flat-wall", {"rig.camera.rows": _ROWS, "rig.camera.cols": _COLS, **_NARROW})
     rig = gated_rig(scene)

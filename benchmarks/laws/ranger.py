@@ -42,10 +42,10 @@ def made_up_ranger(
     from ...optics import amcw
     from ...optics.correlation.response import correlation
     from ...optics.correlation.waveforms import RectangularGate
+    from ...scenes.declared import declared_rig
     from ...scenes.load import load_scene
-    from ...scenes.rigs.declare import declared_rig
-    from ...scenes.rigs.declare_waveform import shown_pulse
-    from ...scenes.scene import amcw_rig, waveform_rig
+    from ...scenes.rigs.amcw import amcw_rig
+    from ...scenes.rigs.waveform import shown_pulse, waveform_rig
 
     ranges = 4.0 + 0.1 * np.linspace(0, 1, _SHOTS)
     rng = np.random.default_rng(seed)

@@ -34,9 +34,10 @@ from ...generator.rays.trace import Tracer
 from ...optics.constants import C_M_PER_S, FWHM_PER_SIGMA, PLANCK_J_S
 from ...optics.correlation.response import lookup
 from ...scenes.load import load_scene
+from ...scenes.medium_index import group_index
 from ...scenes.meshes import shape_mesh
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 
 __all__ = ["MitransientDirect", "compare", "equal_error_cost", "squared_error"]

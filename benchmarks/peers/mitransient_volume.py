@@ -37,9 +37,10 @@ from ...optics.constants import C_M_PER_S
 from ...optics.correlation.response import lookup
 from ...optics.water.phase_forms import HenyeyGreenstein, PhaseFunction, phase_cdf
 from ...scenes.errors import InputError
+from ...scenes.medium_index import group_index
 from ...scenes.meshes import shape_mesh
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 from .mitransient_direct import electrons_per_radiance
 

@@ -21,7 +21,7 @@ from scipy.special import erf
 
 from ...generator.gated.direct import render_direct
 from ...generator.rays.trace import Tracer, pixel_directions
-from ...scenes.scene import gated_rig
+from ...scenes.rigs.gated import gated_rig
 from .mitransient_direct import bunny_scene, ours
 
 __all__ = ["compare"]

@@ -20,8 +20,9 @@ from ...estimators.gated.tools.stack import read_stack
 from ...generator.generate import generate
 from ...optics.correlation.gates import gate_area
 from ...scenes.load import load_scene
-from ...scenes.rigs.declare import optics_gate
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.sampling import optics_gate
+from ...scenes.scene import Scene
 from .accuracy import DEPTHS_M
 from .table_1 import PUBLISHED
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from ...scenes.errors import InputError
 from ...scenes.load import load_scene
+from ...scenes.rigs import RIGS, rig_kind
 from ...scenes.scene import Scene
 from ..folders.files import write_json, write_text
 from ..folders.kinds import BREAK
@@ -170,7 +171,7 @@ def plan_break(
     others = [one for one in check_estimators(neighbours or NEIGHBOURS[modality]) if one.label != target.label]
     if not others:
         raise InputError("An estimator is judged against others.", where="neighbours", value=list(neighbours))
-    base = {**_size(modality, side), **(overrides or {})}
+    base = {**rig_kind(modality).resize(side), **(overrides or {})}
     loaded = {scene: load_scene(scene, base) for scene in scenes}
     return Plan(target, others, scenes, loaded, base, dict(overrides or {}), side, factor, budget, seed)
 
@@ -246,17 +247,12 @@ def break_estimator(
 
 
 def _modality(name: str) -> str:
-    """What a built-in reads. A plug-in's code is never imported here: its scenes tell, and are gated if not named."""
+    """The modality that a built-in reads. A plug-in's code is never imported here: where no scenes are named, those of the
+    first kind of rig are searched."""
     from ...estimators import BUILTIN
     from ...estimators.registry import get_estimator
 
-    return get_estimator(name).modality if name in BUILTIN else "gated"
-
-
-def _size(modality: str, side: int) -> dict[str, Any]:
-    if modality == "gated":
-        return {"rig.camera.rows": side, "rig.camera.cols": side}
-    return {"rig.record.shots" if modality == "waveform" else "rig.shots": side * side}
+    return get_estimator(name).modality if name in BUILTIN else next(iter(RIGS))
 
 
 def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -> str:

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ...scenes.load import find_spec_file, load_scene, read_spec_file, validate_spec
+from ...scenes.load import load_scene
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
+from ...scenes.spec_files import find_spec_file, read_spec_file
+from ...scenes.validate import validate_spec
 from .spec import Calibration, Condition, Limits, SceneEntry, Seeds, Split, Stress, Suite
 from .stress import stressed
 

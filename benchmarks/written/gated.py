@@ -16,8 +16,11 @@ import xarray as xr
 from ...captures.build import make_capture
 from ...optics.correlation import response as correlation
 from ...optics.likelihood.model import NoiseModel
-from ...scenes.rigs.declare import declared_rig, group_index, optics_gate, optics_pulse
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.declared import declared_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.sampling import optics_gate, optics_pulse
+from ...scenes.scene import Scene
 from ..bounds.instrument import noise_model, path_delay
 
 __all__ = ["drawn_counts", "response_area_s", "written_capture"]

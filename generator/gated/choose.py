@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ...scenes.errors import InputError
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from .effects import interreflection
 from .error import relative_noise, stack_error
 from .full import SAMPLING

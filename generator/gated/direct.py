@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import waveforms
 from ...optics.correlation.response import Table, correlation_support, lookup
-from ...scenes.rigs.declare import group_index, optics_gate, optics_pulse
-from ...scenes.sampling import response_table
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.sampling import optics_gate, optics_pulse, response_table
+from ...scenes.scene import Scene
 from ..rays.echo import Echoes, albedo_at_normal, echoes, without_diffuse
 from ..rays.returns import Returns, gather_returns
 from ..rays.subsampling import centre_error, lattice, plan, stack_power

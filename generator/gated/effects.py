@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ...scenes.shapes import Rectangle, Sphere
 from ..rays.echo import albedo_at_normal
 from ..rays.returns import depth_of_pixels

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scenes.rigs.gated import Detector
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.parts import Detector
+from ...scenes.scene import Scene
 
 __all__ = ["noise_variance", "relative_noise", "replicate_error", "stack_error", "task_error"]
 

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from ...optics.constants import C_M_PER_S
 from ...optics.illumination import beam_rotation
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..rays.echo import beam_intensity
 from ..rays.subsampling import lattice
 from ..rays.trace import Tracer, pixel_directions

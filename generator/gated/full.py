@@ -19,7 +19,8 @@ from ...optics.constants import C_M_PER_S
 from ...optics.correlation.gate_maps import gate_offset_map
 from ...optics.correlation.response import Table
 from ...scenes.errors import InputError
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..paths.finite import FiniteLight, FiniteSums, finite_truth, trace_finite
 from ..paths.loop import COMPONENTS, Lanes, Moments, Window, trace_lanes
 from ..paths.single import single_electrons

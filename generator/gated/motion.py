@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ...optics.correlation.response import Table
 from ...scenes.errors import InputError
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..rays.returns import render_stack
 from .direct import render_direct
 

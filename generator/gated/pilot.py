@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scenes.rigs.gated import Camera
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.parts import Camera
+from ...scenes.scene import Scene
 from ..paths.world import PathWorld
 from .error import noise_variance, relative_noise, replicate_error, stack_error, task_error
 from .full import Limits, Remainder, Slices, gate_offset, render_remainder
@@ -163,7 +164,7 @@ class Pilot:
 
     def _ambient(self) -> Float:
         from ...optics.correlation import waveforms
-        from ...scenes.rigs.declare import optics_gate
+        from ...scenes.sampling import optics_gate
 
         rig = gated_rig(self.scene)
         areas = np.array([waveforms.gate_area(optics_gate(gate)) for gate in rig.gates])

@@ -34,7 +34,8 @@ from ...optics.correlation.gate_maps import gate_offset_map
 from ...optics.water.beam import BeamHalo, tabulate_beam_halo
 from ...optics.water.phase_forms import PhaseFunction
 from ...scenes.errors import InputError
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..rays.echo import beam_angle
 from ..rays.returns import Returns, render_stack
 from ..rays.trace import Tracer, pixel_directions

@@ -10,7 +10,8 @@ from ...optics.water.beam import beam_halo
 from ...optics.water.delay import SHARES
 from ...optics.water.halo import forward_share, halo_spread
 from ...optics.water.phase_forms import PhaseFunction
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..water.delays import Delays, viewed_half_angle
 from ..water.ramp import backscatter_electrons, beam_edge, beam_profile
 from .direct import gate_tables

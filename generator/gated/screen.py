@@ -13,7 +13,8 @@ import numpy as np
 
 from ...scenes.errors import InputError
 from ...scenes.materials import Lambert
-from ...scenes.scene import Scene, TargetObject, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene, TargetObject
 from ...scenes.shapes import Rectangle
 from ..rays.returns import Returns
 from .direct import DirectScene, render_direct

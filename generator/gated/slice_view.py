@@ -14,7 +14,8 @@ from scipy.ndimage import maximum_filter1d
 
 from ...optics.correlation.gate_maps import gate_offset_map
 from ...optics.correlation.response import Table, lookup
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 
 __all__ = ["slice_view"]
 

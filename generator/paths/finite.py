@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.constants import C_M_PER_S
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..gated.direct import MIXED_FRACTION, response_width_s
 from ..rays.backend import mitsuba
 from ..rays.trace import pixel_directions

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ..gated.direct import gate_tables
 from ..rays.trace import Tracer, pixel_directions
 from ..water.ramp import backscatter_electrons

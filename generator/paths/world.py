@@ -11,9 +11,10 @@ from ...optics import illumination, ladar
 from ...optics.reflection.albedo import albedo_limit
 from ...scenes.errors import InputError
 from ...scenes.materials import Chua, CookTorrance, Material, Phong
+from ...scenes.medium_index import group_index
 from ...scenes.meshes import shape_mesh
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 from ..bsdf.lobes import opaque
 from ..bsdf.plugin import mitsuba_bsdf

@@ -8,6 +8,7 @@ nothing of the detector, of refraction or of scattered light is in it, and a ran
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 from ...optics import colorimetry
 from ...optics.illumination import beam_axis
 from ...scenes.meshes import shape_mesh
-from ...scenes.rigs.gated import GatedRig, Illumination
+from ...scenes.rigs.gated import GatedRig
+from ...scenes.rigs.parts import Illumination
 from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 from ..ranger.footprint import shot_angles
@@ -53,7 +55,7 @@ class Preview:
 
 def preview_view(scene: Scene, longer_side: int = _LONGER_SIDE) -> RasterView:
     """The view: a camera's own field, at most `longer_side` pixels long; for a ranger one that holds scan and target."""
-    rig = scene.rig
+    rig: Any = scene.rig
     if isinstance(rig, GatedRig):
         camera = rig.camera
         scale = longer_side / max(camera.rows, camera.cols)
@@ -121,14 +123,14 @@ def _shade(scene: Scene, view: RasterView, seen: NDArray[np.bool_]) -> Float:
 def _laser_colour(scene: Scene) -> tuple[Float, bool]:
     """Linear sRGB of the laser's wavelength, the nearest that a screen has; grey for what the eye cannot see."""
     try:
-        return colorimetry.shown_colour(colorimetry.linear_srgb_of_line(scene.rig.laser.wavelength_m)), True
+        return colorimetry.shown_colour(colorimetry.linear_srgb_of_line(scene.rig.wavelength_m)), True
     except ValueError:
         return np.full(3, 0.7), False
 
 
 def _room_colour(scene: Scene) -> Float:
     """White, or the colour of the ambient light where its spectrum is given."""
-    ambient = scene.rig.ambient
+    ambient = getattr(scene.rig, "ambient", None)
     if ambient is None:
         return np.ones(3)
     try:
@@ -161,7 +163,7 @@ def _beam(scene: Scene, view: RasterView, raster: Raster, lamp: Float) -> Float:
 
 def _profile(scene: Scene, direction: Float, view: RasterView) -> Float:
     """I(θ)/I(0) along unit directions (3, n); of a scanning ranger, the brightest of its shots."""
-    rig = scene.rig
+    rig: Any = scene.rig
     spec: Illumination = rig.laser.illumination
     if isinstance(rig, GatedRig):
         peak = float(beam_intensity(spec, beam_axis(spec.offset_rad)[:, None])[0])

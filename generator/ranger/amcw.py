@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from ...captures.build import make_capture
 from ...optics.constants import C_M_PER_S
-from ...scenes.rigs.amcw import AmcwDetector
-from ...scenes.rigs.declare import declared_rig, group_index
-from ...scenes.rigs.gated import Detector
-from ...scenes.scene import Scene, amcw_rig
+from ...scenes.declared import declared_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.amcw import AmcwDetector, amcw_rig
+from ...scenes.rigs.parts import Detector
+from ...scenes.scene import Scene
 from ..detector import detect, fixed_pattern
 from ..random import Stage, blocks, generator
 from ..rays.trace import Tracer

@@ -16,8 +16,10 @@ from ...optics.water.halo import halo_spread
 from ...optics.water.phase_forms import PhaseFunction, phase_density
 from ...optics.water.phase_function import asymmetry
 from ...scenes.errors import InputError
-from ...scenes.rigs.declare import group_index
-from ...scenes.scene import Scene, amcw_rig, waveform_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.amcw import amcw_rig
+from ...scenes.rigs.waveform import waveform_rig
+from ...scenes.scene import Scene
 from ..gated.choose import RUNG_SHARE, Choice, Rtol
 from ..gated.effects import interreflection
 from ..rays.echo import albedo_at_normal
@@ -123,7 +125,7 @@ def _backscatter(scene: Scene, phase: PhaseFunction, range_m: float) -> float:
     half_speed = 0.5 * C_M_PER_S / group_index(medium, rig.laser.wavelength_m)
     if scene.modality == "waveform":
         from ...optics.correlation.waveforms import pulse_variance
-        from ...scenes.rigs.declare_waveform import shown_pulse
+        from ...scenes.rigs.waveform import shown_pulse
 
         record = waveform_rig(scene).record
         width = half_speed * float(np.sqrt(2.0 * np.pi * pulse_variance(shown_pulse(waveform_rig(scene))[0])))

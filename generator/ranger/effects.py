@@ -11,9 +11,10 @@ from ...optics.constants import C_M_PER_S
 from ...optics.correlation.detector_response import response_variance
 from ...optics.water.halo import forward_share
 from ...optics.water.phase_function import asymmetry, mean_square_angle
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.waveform import AnalogReadout
-from ...scenes.scene import Scene, amcw_rig, waveform_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.amcw import amcw_rig
+from ...scenes.rigs.waveform import AnalogReadout, waveform_rig
+from ...scenes.scene import Scene
 from ..gated.effects import interreflection
 from .footprint import Footprint, Ranger
 from .scatter import forward_gain

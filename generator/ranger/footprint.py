@@ -19,11 +19,11 @@ from ...optics import ladar
 from ...optics.constants import C_M_PER_S
 from ...optics.illumination import beam_rotation
 from ...optics.reflection.angles import Angles, angles
+from ...scenes.medium_index import group_index
 from ...scenes.rigs.amcw import AmcwRig
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.gated import Illumination
-from ...scenes.rigs.waveform import Receiver, WaveformRig
-from ...scenes.scene import Scene, waveform_rig
+from ...scenes.rigs.parts import Illumination, Receiver
+from ...scenes.rigs.waveform import WaveformRig, waveform_rig
+from ...scenes.scene import Scene
 from ..rays.echo import beam_intensity, textured_response
 from ..rays.trace import Tracer
 

@@ -27,8 +27,8 @@ from ...optics.illumination import beam_rotation
 from ...optics.water.beam import BeamHalo, tabulate_beam_halo
 from ...optics.water.halo import softened_phase
 from ...optics.water.phase_forms import PhaseFunction, phase_density
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.gated import Illumination
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.parts import Illumination
 from ...scenes.scene import Scene
 from ..gated.scatter import phase_of
 from ..rays.echo import beam_angle, beam_intensity

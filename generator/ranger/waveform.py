@@ -16,12 +16,12 @@ from ...captures.build import make_capture
 from ...optics import pile_up
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import waveforms
-from ...scenes.rigs.declare import declared_rig, group_index
-from ...scenes.rigs.declare_waveform import shown_pulse
-from ...scenes.rigs.gated import Detector, Intensifier
-from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout
+from ...scenes.declared import declared_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.parts import Detector, Intensifier
+from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, shown_pulse, waveform_rig
 from ...scenes.sampling import response_table
-from ...scenes.scene import Scene, waveform_rig
+from ...scenes.scene import Scene
 from ..detector import detect, fixed_pattern
 from ..random import Stage, blocks, generator
 from ..rays.returns import gather_returns, render_stack

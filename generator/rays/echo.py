@@ -17,9 +17,10 @@ from ...optics.reflection.cook_torrance import cook_torrance
 from ...optics.reflection.lambert import lambert
 from ...optics.reflection.phong import phong
 from ...scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.gated import Illumination
-from ...scenes.scene import Scene, TargetObject, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.parts import Illumination
+from ...scenes.scene import Scene, TargetObject
 from .trace import Hits, Tracer
 
 __all__ = [

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...scenes.meshes import mesh_uv, shape_mesh
 from ...scenes.possible import check_possible, check_solid
-from ...scenes.rigs.gated import Camera
+from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
 from ...scenes.shapes import MeshFile, Sphere
 from ...scenes.textures import bilinear, load_texture, surface_uv

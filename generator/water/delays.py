@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from ...optics.constants import C_M_PER_S
 from ...optics.water.delay import SHARES, DelayNodes, delay_nodes, halo_ratio
 from ...optics.water.phase_forms import PhaseFunction
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.gated import Camera
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.parts import Camera
+from ...scenes.scene import Scene
 from ..rays.echo import beam_intensity
 from ..rays.returns import Returns
 from ..rays.trace import pixel_directions

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...optics.water.halo import HaloSpread, halo_spread
 from ...optics.water.phase_forms import PhaseFunction
-from ...scenes.rigs.gated import Camera
+from ...scenes.rigs.parts import Camera
 
 __all__ = ["ImageHalo", "image_halo", "pixel_shares"]
 

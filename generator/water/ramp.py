@@ -23,9 +23,10 @@ from ...optics.jit import kernel, prange
 from ...optics.water.beam import BeamHalo, halo_value, tabulate_beam_halo
 from ...optics.water.halo import softened_phase
 from ...optics.water.phase_forms import PhaseFunction, phase_density
-from ...scenes.rigs.declare import group_index
-from ...scenes.rigs.gated import GatedRig, Illumination
-from ...scenes.scene import Scene, gated_rig
+from ...scenes.medium_index import group_index
+from ...scenes.rigs.gated import GatedRig, gated_rig
+from ...scenes.rigs.parts import Illumination
+from ...scenes.scene import Scene
 from ..rays.trace import pixel_directions
 
 __all__ = ["backscatter_electrons", "beam_edge", "beam_profile", "nearest_path_m"]

@@ -11,7 +11,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
-from ..base import Fraction, Spec
+from ..base import Fraction, Spec, Vec3
+from ..errors import InputError
+from ..medium_index import medium_data
 from ..quantities import (
     Counts,
     Distance,
@@ -25,10 +27,11 @@ from ..quantities import (
     SmallLength,
     Well,
 )
-from .gated import Illumination
-from .waveform import Receiver, collected_m2_sr
+from .declaring import as_declared
+from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
+from .parts import Illumination, Receiver, collected_m2_sr, illumination_data
 
-__all__ = ["AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation"]
+__all__ = ["KIND", "AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation", "amcw_rig"]
 
 
 class ModulatedLaser(Spec):
@@ -73,7 +76,7 @@ class Modulation(Spec):
         return self
 
 
-class AmcwRig(Spec):
+class AmcwRig(RigSpec):
     """An amplitude-modulated ranger. `range_window_m`: where targets may be, as the user of the instrument knows it;
     ambiguities are resolved within it. `scan_half_angle_rad`: shots at even angles from −a to +a in the x-z plane."""
 
@@ -104,3 +107,89 @@ class AmcwRig(Spec):
         collected = collected_m2_sr(self.receiver, self.detector.active_diameter_m)
         self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.detector.quantum_efficiency)
         return self
+
+    @property
+    def wavelength_m(self) -> float:
+        """Vacuum wavelength of the laser, m."""
+        return self.laser.wavelength_m
+
+
+def amcw_rig(scene: RigScene) -> AmcwRig:
+    """The scene's rig, which must be an AMCW rig. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, AmcwRig):
+        raise other_kind(scene, "amcw")
+    return scene.rig
+
+
+def _declare(scene: RigScene) -> dict[str, Any]:
+    """Plain data of an AMCW rig as declared (attribute `rig` of a capture). Raises InputError as `declared_rig`."""
+    rig, medium = as_declared(scene, AmcwRig)
+    laser = rig.laser
+    return {
+        "schema": 1,
+        "kind": rig.kind,
+        "laser": {
+            "wavelength_m": laser.wavelength_m,
+            "power_w": laser.power_w,
+            "modulation_depth": laser.modulation_depth,
+            **illumination_data(laser.illumination),
+            "power_fluctuation": laser.power_fluctuation,
+        },
+        "receiver": rig.receiver.model_dump(mode="json"),
+        "modulation": rig.modulation.model_dump(mode="json"),
+        "medium": medium_data(medium, laser.wavelength_m),
+        "detector": rig.detector.model_dump(mode="json"),
+        "shots": rig.shots,
+        "scan_half_angle_rad": rig.scan_half_angle_rad,
+        "range_window_m": list(rig.range_window_m),
+        "ambient_e_per_s": rig.ambient_e_per_s,
+        "t0_s": rig.t0_s,
+    }
+
+
+def _check(scene: RigScene) -> None:
+    """Refuse samples that are integrated for less than a period of the modulation."""
+    modulation = amcw_rig(scene).modulation
+    slowest = min(modulation.frequencies_hz)
+    if slowest * modulation.integration_s < 1.0:
+        raise InputError(
+            "A sample is integrated for less than one period of the modulation.",
+            where=f"{scene.name}: rig.modulation.integration_s",
+            value=modulation.integration_s,
+            allowed=f"at least {1.0 / slowest:g} s, a period of {slowest:g} Hz",
+        )
+
+
+def _sizes(rig: AmcwRig) -> tuple[int, int, int]:
+    return len(rig.modulation.frequencies_hz) * rig.modulation.phase_steps, 1, rig.shots
+
+
+def _places(rig: AmcwRig) -> dict[str, Vec3]:
+    return {"camera": (0.0, 0.0, 0.0)}
+
+
+def _view(rig: AmcwRig) -> RigView:
+    return RigView(None, rig.laser.illumination, rig.shots, rig.scan_half_angle_rad)
+
+
+def _resize(side: int) -> dict[str, Any]:
+    return {"rig.shots": side * side}
+
+
+KIND = RigKind(
+    "amcw",
+    AmcwRig,
+    declare=_declare,
+    check=_check,
+    sizes=_sizes,
+    places=_places,
+    view=_view,
+    resize=_resize,
+    roles={
+        "ambient": "rig.ambient_e_per_s",
+        "fluctuation": "rig.laser.power_fluctuation",
+        "gain": "rig.detector.gain_dn_per_e",
+        "light": "rig.laser.power_w",
+        "read-noise": "rig.detector.read_noise_e",
+    },
+)

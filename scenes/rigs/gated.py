@@ -5,81 +5,37 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from ...optics.correlation import waveforms
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
-from ..base import Fraction, Spec
+from ..base import Fraction, Spec, Vec3
+from ..errors import InputError
+from ..medium_index import medium_data
 from ..quantities import (
-    Counts,
     Distance,
-    Electrons,
     Energy,
-    ExcessNoise,
-    FNumber,
-    Gain,
-    LensLength,
-    LongTime,
     MomentTime,
-    OffsetAngle,
     OptionalLength,
     OptionalTime,
     Place,
     Rate,
-    SmallLength,
     StepTime,
     Velocity,
-    Weight,
-    Well,
 )
+from ..sampling import MOST_SAMPLES, optics_gate, optics_pulse, rounded, sample_step_s
 from ..waveforms import Gate, Pulse
+from .declaring import as_declared
+from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
+from .parts import Camera, Detector, Illumination
+from .roles import Steps
 
-__all__ = ["Camera", "Delays", "Detector", "GateMap", "GatedRig", "Illumination", "Intensifier", "Laser", "Screen"]
+__all__ = ["KIND", "Delays", "GateMap", "GatedRig", "Laser", "Screen", "gated_rig"]
 
-
-class Camera(Spec):
-    """A pinhole camera with the radiometry of a lens of `f_number`. The principal point is the array's centre.
-
-    `focus_distance_m` (absent: all is sharp) is the plane z at which a thin lens of diameter f/N is focused; the `full` rung
-    blurs what lies before and behind it.
-    """
-
-    rows: Annotated[int, Field(ge=1, le=16384)]
-    cols: Annotated[int, Field(ge=1, le=16384)]
-    pixel_pitch_m: SmallLength
-    focal_length_m: LensLength
-    f_number: FNumber
-    transmission: Fraction
-    quantum_efficiency: Fraction
-    vignetting: Literal["none", "cos4"]
-    focus_distance_m: Distance | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_absent_focus(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        data: dict[str, Any] = handler(self)
-        if data.get("focus_distance_m") is None:
-            data.pop("focus_distance_m", None)
-        return data
-
-
-class Illumination(Spec):
-    """Angular profile of the diverged beam. `half_angle_rad` is the 1/e² half angle of "gaussian", the edge of "flat-top".
-
-    "measured": `radial_value` on an even grid of angles from 0 to `half_angle_rad`, linear between, zero beyond.
-    `offset_rad` turns the beam's centre from the camera's axis, along x and y.
-    """
-
-    profile: Literal["gaussian", "flat-top", "measured"]
-    half_angle_rad: Annotated[float, Field(ge=1e-9, lt=1.5)]
-    offset_rad: tuple[OffsetAngle, OffsetAngle]
-    radial_value: tuple[Weight, ...] | None = None
-
-    @model_validator(mode="after")
-    def _measured_has_values(self) -> Illumination:
-        if (self.profile == "measured") != (self.radial_value is not None):
-            raise ValueError('radial_value is given with profile "measured", and only with it')
-        if self.radial_value is not None and (len(self.radial_value) < 2 or sum(self.radial_value) <= 0):
-            raise ValueError("radial_value needs at least two values, not all zero")
-        return self
+#: Samples per characteristic width of the pulse or gate edge in the declared rig.
+_SAMPLES_PER_WIDTH = 48
+_PS = 1e-12
 
 
 class Laser(Spec):
@@ -125,30 +81,6 @@ class Delays(Spec):
     laser_off: Annotated[int, Field(ge=0, le=65536)] = 0
 
 
-class Intensifier(Spec):
-    """Image intensifier: gain G and excess noise factor F² (≥ 1) of the gamma model; phosphor spread in pixels (1 σ)."""
-
-    gain: Gain
-    excess_noise_factor: ExcessNoise
-    phosphor_sigma_px: Annotated[float, Field(ge=0, le=1e4)]
-
-
-class Detector(Spec):
-    """The sensor after the gate, in electrons and DN (EMVA 1288). `adc_bits` up to 16; counts clip at 2^bits − 1."""
-
-    dark_current_e_per_s: Rate
-    exposure_s: LongTime
-    read_noise_e: Electrons
-    prnu: Fraction
-    dsnu_e: Electrons
-    gain_dn_per_e: Gain
-    offset_dn: Counts
-    full_well_e: Well
-    adc_bits: Annotated[int, Field(ge=1, le=16)]
-    fixed_pattern_seed: Annotated[int, Field(ge=0)]
-    intensifier: Intensifier | None = None
-
-
 class Screen(Spec):
     """A second surface in every pixel: a plane across the view at z = `distance_m` with holes too small to be resolved (a
     net, bubbles, a dirty port). The share `coverage` of each pixel sees Lambert matter of `albedo`, the rest sees past it."""
@@ -162,7 +94,7 @@ class Screen(Spec):
 _OPTIONAL = ("motion_m_per_s", "screen")
 
 
-class GatedRig(Spec):
+class GatedRig(RigSpec):
     """A range-gated camera with its pulsed laser.
 
     `motion_m_per_s`: the platform's velocity; the scene is as written at the middle of the capture's time, and each slice
@@ -198,3 +130,155 @@ class GatedRig(Spec):
         pixel = camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
         self.__dict__["ambient_e_per_s"] = ambient_rate(self, pixel, camera.quantum_efficiency)
         return self
+
+    @property
+    def wavelength_m(self) -> float:
+        """Vacuum wavelength of the laser, m."""
+        return self.laser.wavelength_m
+
+
+def gated_rig(scene: RigScene) -> GatedRig:
+    """The scene's rig, which must be gated. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, GatedRig):
+        raise other_kind(scene, "gated")
+    return scene.rig
+
+
+def _declare(scene: RigScene) -> dict[str, Any]:
+    rig, medium = as_declared(scene, GatedRig)
+    camera, laser = rig.camera, rig.laser
+    step = _sample_step(rig, f"{scene.name}: declared")
+    pulse_start, pulse_value = waveforms.sample_pulse(optics_pulse(laser.pulse), step)
+    gates = [waveforms.sample_gate(optics_gate(gate), step) for gate in rig.gates]
+    return {
+        "schema": 1,
+        "kind": rig.kind,
+        "camera": camera.model_dump(mode="json")
+        | {"principal_row_px": (camera.rows - 1) / 2, "principal_col_px": (camera.cols - 1) / 2},
+        "laser": {
+            "wavelength_m": laser.wavelength_m,
+            "pulse_energy_j": laser.pulse_energy_j,
+            "position_m": list(laser.position_m),
+            "profile": laser.illumination.profile,
+            "half_angle_rad": laser.illumination.half_angle_rad,
+            "offset_rad": list(laser.illumination.offset_rad),
+            "energy_fluctuation": laser.energy_fluctuation,
+            "jitter_shot_s": laser.jitter_shot_s,
+            "jitter_frame_s": laser.jitter_frame_s,
+        },
+        "pulse": {"start_s": float(pulse_start), "step_s": step, "value": rounded(pulse_value)},
+        "gates": [{"start_s": float(s), "step_s": step, "value": rounded(v)} for s, v in gates],
+        "gate_offset_s": None if rig.gate_map is None else rig.gate_map.model_dump(mode="json"),
+        "medium": medium_data(medium, laser.wavelength_m),
+        "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
+        "ambient_e_per_s": rig.ambient_e_per_s,
+        "pulses_per_slice": rig.pulses_per_slice,
+        "t0_s": rig.t0_s,
+    }
+
+
+def _check(scene: RigScene) -> None:
+    """Refuse gates that are open for too long, and pulses and gates that no declared rig can hold as samples."""
+    rig = gated_rig(scene)
+    _check_gates(scene, rig)
+    _sample_step(rig, scene.name)
+
+
+def _check_gates(scene: RigScene, rig: GatedRig) -> None:
+    period = rig.detector.exposure_s / rig.pulses_per_slice
+    for number, gate in enumerate(rig.gates):
+        low, high = waveforms.gate_support(waveforms.gate_from_spec(gate))
+        area = waveforms.gate_area(waveforms.gate_from_spec(gate))
+        if area > period:
+            raise InputError(
+                "A gate is open for longer than the time between two pulses.",
+                where=f"{scene.name}: rig.gates.{number}",
+                value=f"open for {area:.4g} s ({high - low:.4g} s with its tails)",
+                allowed=f"below exposure_s/pulses_per_slice = {period:.4g} s",
+                next_step="shorten the gate, or lower rig.pulses_per_slice, or raise rig.detector.exposure_s",
+            )
+
+
+def _sample_step(rig: GatedRig, where: str) -> float:
+    """One even step [s] for pulse and gates as declared: fine against the pulse and against every gate's width.
+
+    Raises:
+        InputError: a pulse too short for steps of 1 ps, or one so short against pulse or gate that over 2²⁰ samples of
+            these would be needed. `where`: of the scene, for the message.
+    """
+    pulse = waveforms.pulse_from_spec(rig.laser.pulse)
+    gates = [waveforms.gate_from_spec(gate) for gate in rig.gates]
+    spans = [_span(*waveforms.pulse_support(pulse)), *(_span(*waveforms.gate_support(gate)) for gate in gates)]
+    widths = [2.0 * float(np.sqrt(waveforms.pulse_variance(pulse))), *(span / 2 for span in spans[1:])]
+    # A gate far longer than the pulse does not coarsen it.
+    step = sample_step_s(min(widths) / _SAMPLES_PER_WIDTH, pulse, max(spans), _PS)
+    names = ["rig.laser.pulse", *(f"rig.gates.{number}" for number in range(len(gates)))]
+    for name, span in zip(names, spans, strict=True):
+        if not step < 0.5 * span:
+            raise InputError(
+                "Pulse and gates are declared as samples 1 ps apart or more, and these are too short for it.",
+                where=f"{where}: {name}",
+                value=f"{span:.3g} s long with its tails",
+                allowed=f"longer than {2 * step:.3g} s",
+                next_step="lengthen it: a response is as long as the longer of pulse and gate",
+            )
+        if span > step * MOST_SAMPLES:
+            raise InputError(
+                "Pulse and gates are declared as samples at one step, and this takes too many of them.",
+                where=f"{where}: {name}",
+                value=f"{span:.3g} s long with its tails, in steps of {step:.3g} s",
+                allowed=f"at most {MOST_SAMPLES} samples: here {MOST_SAMPLES * step:.3g} s",
+                next_step="shorten it, or lengthen the shortest of the pulse and the gates, which sets the step",
+            )
+    return step
+
+
+def _span(low: float, high: float) -> float:
+    return float(high - low)
+
+
+def _sizes(rig: GatedRig) -> tuple[int, int, int]:
+    slices = len(rig.gates) * rig.delays.count * rig.delays.repeats + rig.delays.laser_off
+    return slices, rig.camera.rows, rig.camera.cols
+
+
+def _places(rig: GatedRig) -> dict[str, Vec3]:
+    return {"camera": (0.0, 0.0, 0.0), "laser": rig.laser.position_m}
+
+
+def _view(rig: GatedRig) -> RigView:
+    return RigView(rig.camera, rig.laser.illumination)
+
+
+def _resize(side: int) -> dict[str, Any]:
+    return {"rig.camera.rows": side, "rig.camera.cols": side}
+
+
+KIND = RigKind(
+    "gated",
+    GatedRig,
+    declare=_declare,
+    check=_check,
+    sizes=_sizes,
+    places=_places,
+    view=_view,
+    resize=_resize,
+    roles={
+        "ambient": "rig.ambient_e_per_s",
+        "fluctuation": "rig.laser.energy_fluctuation",
+        "full-well": "rig.detector.full_well_e",
+        "gain": "rig.detector.gain_dn_per_e",
+        "gates": "rig.gates",
+        "jitter": "rig.laser.jitter_frame_s",
+        "light": "rig.laser.pulse_energy_j",
+        "motion": "rig.motion_m_per_s",
+        "phosphor": "rig.detector.intensifier.phosphor_sigma_px",
+        "pulse": "rig.laser.pulse",
+        "pulse-width": "rig.laser.pulse.fwhm_s",
+        "read-noise": "rig.detector.read_noise_e",
+        "sampling": Steps("rig.delays.step_s", "rig.delays.count", least=1),
+        "screen": "rig.screen",
+        "shot-jitter": "rig.laser.jitter_shot_s",
+        "start": "rig.delays.start_s",
+    },
+)

@@ -6,13 +6,17 @@ Laser and receiver are coaxial (a beam splitter), at the camera frame's origin, 
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from ...optics.correlation import waveforms
+from ...optics.correlation.detector_response import detected_pulse
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
-from ..base import Fraction, Spec
+from ..base import Fraction, Spec, Vec3
+from ..errors import InputError
+from ..medium_index import medium_data
 from ..quantities import (
     Counts,
     Electrons,
@@ -20,7 +24,6 @@ from ..quantities import (
     ExcessNoise,
     Frequency,
     Gain,
-    LensLength,
     MomentTime,
     OptionalTime,
     PulseTime,
@@ -29,13 +32,20 @@ from ..quantities import (
     StepTime,
     Well,
 )
+from ..sampling import optics_pulse, rounded, sample_step_s
 from ..waveforms import Pulse
-from .gated import Illumination
+from .declaring import as_declared
+from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
+from .parts import Illumination, Receiver, collected_m2_sr, illumination_data
+from .roles import Steps
 
 __all__ = [
-    "AnalogReadout", "Avalanche", "ImpulseResponse", "Photodetector", "PulsedLaser", "Receiver", "Record",
-    "SinglePhotonReadout", "WaveformRig", "collected_m2_sr",
+    "KIND", "AnalogReadout", "Avalanche", "ImpulseResponse", "Photodetector", "PulsedLaser", "Record",
+    "SinglePhotonReadout", "WaveformRig", "shown_pulse", "waveform_rig",
 ]  # fmt: skip
+
+#: Samples per standard deviation of the detected pulse in the declared rig.
+_SAMPLES_PER_SIGMA = 32
 
 
 class PulsedLaser(Spec):
@@ -49,22 +59,6 @@ class PulsedLaser(Spec):
     energy_fluctuation: Fraction
     jitter_pulse_s: OptionalTime
     jitter_shot_s: OptionalTime
-
-
-class Receiver(Spec):
-    """The lens before the detector. The field's half angle is detector diameter/(2 focal length); the lens is taken as
-    focused on the target (one focused far away would lose light nearer than aperture · focal length/detector)."""
-
-    aperture_diameter_m: LensLength
-    focal_length_m: LensLength
-    transmission: Fraction
-
-
-def collected_m2_sr(receiver: Receiver, detector_diameter_m: float) -> float:
-    """Etendue of lens and detector, A · 2π(1 − cos θ) with tanθ = D/2f, times the lens's transmission, m² sr."""
-    half = math.atan2(0.5 * detector_diameter_m, receiver.focal_length_m)
-    solid = 4.0 * math.pi * math.sin(0.5 * half) ** 2
-    return 0.25 * math.pi * receiver.aperture_diameter_m**2 * solid * receiver.transmission
 
 
 class ImpulseResponse(Spec):
@@ -131,7 +125,7 @@ class Record(Spec):
     scan_half_angle_rad: Annotated[float, Field(ge=0, lt=1.5)]
 
 
-class WaveformRig(Spec):
+class WaveformRig(RigSpec):
     """A pulsed ranger: laser, lens, photodetector, recorder. `counter_hz`: oscillator of the counter that times the
     pulse instead of sampling it (Kusters 1992, Figure 2.2), None where there is none."""
 
@@ -161,3 +155,125 @@ class WaveformRig(Spec):
         collected = collected_m2_sr(self.receiver, self.detector.active_diameter_m)
         self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.detector.quantum_efficiency)
         return self
+
+    @property
+    def wavelength_m(self) -> float:
+        """Vacuum wavelength of the laser, m."""
+        return self.laser.wavelength_m
+
+
+def waveform_rig(scene: RigScene) -> WaveformRig:
+    """The scene's rig, which must be a waveform rig. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, WaveformRig):
+        raise other_kind(scene, "waveform")
+    return scene.rig
+
+
+def shown_pulse(rig: WaveformRig) -> tuple[waveforms.Pulse, float]:
+    """(the pulse as detector and jitter show it, centroid 0; its mean delay behind the light, s)."""
+    laser, response = rig.laser, rig.detector.response
+    pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_pulse_s)
+    return detected_pulse(pulse, response.shape, response.rise_time_s)
+
+
+def _declare(scene: RigScene) -> dict[str, Any]:
+    """Plain data of a waveform rig as declared (attribute `rig` of a capture).
+
+    `response` is the signal of one photoelectron, 1/s: the pulse as the detector shows it, unit area, time 0 at the
+    emitted pulse's centroid; linear between samples. Raises InputError as `declared_rig`.
+    """
+    rig, medium = as_declared(scene, WaveformRig)
+    laser, detector, record = rig.laser, rig.detector, rig.record
+    pulse, delay = shown_pulse(rig)
+    sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
+    span = float(np.ptp(waveforms.pulse_support(pulse)))
+    step = sample_step_s(sigma / _SAMPLES_PER_SIGMA, pulse, span, 1e-13)
+    try:
+        start, value = waveforms.sample_pulse(pulse, step)
+    except ValueError as error:
+        raise InputError(
+            "The detected pulse cannot be declared as samples.",
+            where=f"{scene.name}: rig.laser.pulse",
+            value=str(error),
+            allowed="a detected pulse of 1 ps or more",
+            next_step="lengthen the pulse, or rig.detector.response.rise_time_s",
+        ) from error
+    # Tails below 1e-9 of the peak carry nothing that a laboratory could record.
+    kept = np.flatnonzero(value > 1e-9 * value.max())
+    first, last = max(int(kept[0]) - 1, 0), int(kept[-1]) + 2
+    return {
+        "schema": 1,
+        "kind": rig.kind,
+        "record": record.model_dump(mode="json"),
+        "laser": {
+            "wavelength_m": laser.wavelength_m,
+            "pulse_energy_j": laser.pulse_energy_j,
+            **illumination_data(laser.illumination),
+            "energy_fluctuation": laser.energy_fluctuation,
+            "jitter_pulse_s": laser.jitter_pulse_s,
+            "jitter_shot_s": laser.jitter_shot_s,
+        },
+        "receiver": rig.receiver.model_dump(mode="json"),
+        "response": {
+            "start_s": float(start + delay + first * step),
+            "step_s": step,
+            "value": rounded(value[first:last]),
+        },
+        "medium": medium_data(medium, laser.wavelength_m),
+        "detector": {
+            "active_diameter_m": detector.active_diameter_m,
+            "quantum_efficiency": detector.quantum_efficiency,
+            "rise_time_s": detector.response.rise_time_s,
+            "dark_e_per_s": detector.dark_e_per_s,
+            "readout": detector.readout.model_dump(mode="json"),
+        },
+        "ambient_e_per_s": rig.ambient_e_per_s,
+        "pulses_per_shot": rig.pulses_per_shot,
+        "counter_hz": rig.counter_hz,
+        "t0_s": rig.t0_s,
+    }
+
+
+def _check(scene: RigScene) -> None:
+    """Every waveform rig whose values are allowed can be built."""
+
+
+def _sizes(rig: WaveformRig) -> tuple[int, int, int]:
+    return rig.record.samples, 1, rig.record.shots
+
+
+def _places(rig: WaveformRig) -> dict[str, Vec3]:
+    return {"camera": (0.0, 0.0, 0.0)}
+
+
+def _view(rig: WaveformRig) -> RigView:
+    return RigView(None, rig.laser.illumination, rig.record.shots, rig.record.scan_half_angle_rad)
+
+
+def _resize(side: int) -> dict[str, Any]:
+    return {"rig.record.shots": side * side}
+
+
+KIND = RigKind(
+    "waveform",
+    WaveformRig,
+    declare=_declare,
+    check=_check,
+    sizes=_sizes,
+    places=_places,
+    view=_view,
+    resize=_resize,
+    roles={
+        "ambient": "rig.ambient_e_per_s",
+        "fluctuation": "rig.laser.energy_fluctuation",
+        "gain": "rig.detector.readout.gain_dn_per_e",
+        "jitter": "rig.laser.jitter_shot_s",
+        "light": "rig.laser.pulse_energy_j",
+        "pulse": "rig.laser.pulse",
+        "pulse-width": "rig.laser.pulse.fwhm_s",
+        "read-noise": "rig.detector.readout.read_noise_e",
+        "sampling": Steps("rig.record.step_s", "rig.record.samples", least=4),
+        "shot-jitter": "rig.laser.jitter_pulse_s",
+        "start": "rig.record.start_s",
+    },
+)

@@ -1,0 +1,67 @@
+"""Files of specs: found by name or path, read as plain data (TOML or JSON). No code is ever run from them."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+__all__ = ["LIBRARY", "find_spec_file", "read_spec_file"]
+
+#: Folder of the scenes that ship with the project.
+LIBRARY = Path(__file__).parent / "library"
+
+_MAX_BYTES = 64 * 2**20
+
+
+def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> Path:
+    """The file of a spec: one that ships in `folder`, by its name, or any .toml or .json file, by its path.
+
+    Main arguments:
+        source: name or path. folder: where those that ship lie. kind: what it is ("scene"), for the message.
+    Other arguments:
+        next_step: told where no name is near.
+
+    Raises:
+        InputError: neither; names all that ship, and those that are near.
+    """
+    inside = folder / f"{source}.toml"
+    if "/" not in source and inside.is_file():
+        return inside
+    path = Path(source).expanduser()
+    if path.suffix in {".toml", ".json"} and path.is_file():
+        return path
+    names = sorted(path.stem for path in folder.glob("*.toml"))
+    near = difflib.get_close_matches(source, names, n=3, cutoff=0.4)
+    raise InputError(
+        f"There is no such {kind}.",
+        where=kind,
+        value=source,
+        allowed="a path to a .toml or .json file, or one of: " + ", ".join(names),
+        next_step=f"did you mean {' or '.join(near)}?" if near else next_step,
+    )
+
+
+def read_spec_file(path: Path) -> dict[str, Any]:
+    """Read a TOML or JSON file into plain data.
+
+    Raises:
+        InputError: unreadable, too large, or not well formed.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError("The file is too large for a spec.", where=str(path), value=path.stat().st_size)
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("The file cannot be read.", where=str(path), value=str(error)) from error
+    try:
+        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (json.JSONDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError("The file is not well formed.", where=str(path), value=str(error)) from error
+    if not isinstance(data, dict):
+        raise InputError("A spec is a table of keys.", where=str(path), value=type(data).__name__)
+    return data

@@ -1,0 +1,93 @@
+"""Plain data to specs: pydantic's errors become one `InputError` that names every path."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from .base import Spec
+from .errors import InputError
+
+__all__ = ["validate_spec"]
+
+SpecT = TypeVar("SpecT", bound=BaseModel)
+
+
+def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> SpecT:
+    """Validate plain data against a spec, turning pydantic's errors into one `InputError` that names every path.
+
+    Validation is strict: "5" is not a number and true is not 1.
+    """
+    try:
+        text = json.dumps(data, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "A spec holds only finite numbers, strings, lists and tables.", where=where, value=str(error)
+        ) from error
+    try:
+        return model.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        first, *rest = error.errors(include_url=False)
+        path = _key_path(first, data)
+        what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}
+        more = "".join(
+            f"\n           also {_key_path(e, data)}: {_message(e)}" for e in rest[:8]
+        )  # one message for all, so that a user mends a file in one go
+        raise InputError(
+            what.get(first["type"], "A value is not allowed."),
+            where=f"{where}: {path}",
+            value=None if first["type"] == "missing" else first.get("input"),
+            allowed=_message(first) + more + _near_keys(model, first),
+            next_step=model.example if issubclass(model, Spec) else "",
+        ) from error
+
+
+def _message(error: Any) -> str:
+    """What pydantic says of a value, its limit in few digits: 1e-15 has too many zeros to be counted."""
+    for key in ("ge", "gt", "le", "lt"):
+        limit = error.get("ctx", {}).get(key)
+        if isinstance(limit, float):
+            return f"{str(error['msg']).rpartition(' ')[0]} {limit:g}"
+    return str(error["msg"])
+
+
+def _key_path(error: Any, data: Any) -> str:
+    """The path of an error as a user would override it: without the tags of unions that pydantic puts in.
+
+    A part that is no key of the data is a tag, unless it is the key that is missing.
+    """
+    parts: list[str] = []
+    node = data
+    for place, part in enumerate(error["loc"]):
+        missing = error["type"] == "missing" and place == len(error["loc"]) - 1
+        if isinstance(part, int) or missing or not isinstance(node, dict | list | tuple) or part in node:
+            parts.append(str(part))
+            node = _item(node, part)
+    return ".".join(parts) or "(whole)"
+
+
+def _item(node: Any, part: int | str) -> Any:
+    if isinstance(node, dict):
+        return node.get(part)
+    return node[part] if isinstance(node, list | tuple) and isinstance(part, int) and part < len(node) else None
+
+
+def _near_keys(model: type[BaseModel], error: Any) -> str:
+    """For an unknown key: the keys of the same name-like elsewhere in the spec."""
+    if error["type"] != "extra_forbidden":
+        return ""
+    known: set[str] = set()
+    todo: list[Any] = [model.model_json_schema()]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, dict):
+            known.update(node.get("properties", {}))
+            todo.extend(node.values())
+        elif isinstance(node, list):
+            todo.extend(node)
+    near = difflib.get_close_matches(str(error["loc"][-1]), sorted(known), n=3)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
