@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["as_json", "make_capture"]
 
+#: Dimensions, values and attributes of a variable.
+Entry = tuple[tuple[str, ...], "np.ndarray[Any, Any]", dict[str, str]]
+
 
 def make_capture(
     modality: str,
@@ -46,6 +49,25 @@ def make_capture(
 
     schema = layout_of(modality).by_name
     groups = {"data": data, "coord": coords, "truth": truth}
+    _refuse_unknown(modality, schema, groups)
+    attributes = _attributes(modality, _with_sources(attrs))
+    arrays, sizes = _given(schema, groups)
+    for variable in schema.values():
+        if variable.name not in arrays:
+            scalar = groups[variable.role].get(variable.name)
+            filled = _filled(modality, variable, scalar, sizes, str(attributes["truth_kind"]))
+            if filled is not None:
+                arrays[variable.name] = (variable.dims, filled, _variable_attributes(variable, scalar))
+    dataset = xr.Dataset(
+        {name: entry for name, entry in arrays.items() if schema[name].role != "coord"},
+        {name: entry for name, entry in arrays.items() if schema[name].role == "coord"},
+        attributes,
+    )
+    validate(dataset, "values")
+    return dataset
+
+
+def _refuse_unknown(modality: str, schema: Mapping[str, Variable], groups: Mapping[str, Mapping[str, Any]]) -> None:
     for role, group in groups.items():
         allowed = [name for name, variable in schema.items() if variable.role == role]
         for name in group:
@@ -54,9 +76,14 @@ def make_capture(
                     f"a {modality} capture has no {role} variable of this name",
                     where=f"{role} {name}", value=name, allowed=", ".join(allowed),
                 )  # fmt: skip
-    attributes = _attributes(modality, _with_sources(attrs))
+
+
+def _given(
+    schema: Mapping[str, Variable], groups: Mapping[str, Mapping[str, Any]]
+) -> tuple[dict[str, Entry], dict[str, int]]:
+    """The arrays as given, checked against each other, and the sizes of their dimensions."""
     sizes: dict[str, int] = dict(FIXED_SIZES)
-    arrays: dict[str, tuple[tuple[str, ...], np.ndarray[Any, Any], dict[str, str]]] = {}
+    arrays: dict[str, Entry] = {}
     for variable in schema.values():
         value = groups[variable.role].get(variable.name)
         if value is None or (variable.role == "coord" and np.ndim(value) == 0):
@@ -70,32 +97,26 @@ def make_capture(
                     where=variable.name, value=array.shape, allowed=f"{dim} = {sizes[dim]}",
                 )  # fmt: skip
         arrays[variable.name] = (dims, _as_allowed_dtype(variable, array), _variable_attributes(variable, value))
-    for variable in schema.values():
-        if variable.name in arrays:
-            continue
-        scalar = groups[variable.role].get(variable.name)
-        if scalar is not None:
-            shape = tuple(sizes.get(dim, 1) for dim in variable.dims)
-            filled = _as_allowed_dtype(variable, np.full(shape, scalar))
-        elif variable.required and variable.role == "truth" and attributes["truth_kind"] != "rendered":
-            filled = _absent(variable, sizes)
-        elif variable.required:
-            raise InputError(
-                f"a {modality} capture needs {variable.name}",
-                where=variable.role, allowed=f"{variable.name}({','.join(variable.dims)}) in {variable.units[0]}",
-                next_step="give truth_kind other than rendered to have absent truth filled with NaN"
-                if variable.role == "truth" else "",
-            )  # fmt: skip
-        else:
-            continue
-        arrays[variable.name] = (variable.dims, filled, _variable_attributes(variable, scalar))
-    dataset = xr.Dataset(
-        {name: entry for name, entry in arrays.items() if schema[name].role != "coord"},
-        {name: entry for name, entry in arrays.items() if schema[name].role == "coord"},
-        attributes,
-    )
-    validate(dataset, "values")
-    return dataset
+    return arrays, sizes
+
+
+def _filled(
+    modality: str, variable: Variable, scalar: Any, sizes: Mapping[str, int], truth_kind: str
+) -> np.ndarray[Any, Any] | None:
+    """The array of a variable that was given as a number, or is filled as absent truth; None for an optional one."""
+    if scalar is not None:
+        shape = tuple(sizes.get(dim, 1) for dim in variable.dims)
+        return _as_allowed_dtype(variable, np.full(shape, scalar))
+    if not variable.required:
+        return None
+    if variable.role == "truth" and truth_kind != "rendered":
+        return _absent(variable, sizes)
+    raise InputError(
+        f"a {modality} capture needs {variable.name}",
+        where=variable.role, allowed=f"{variable.name}({','.join(variable.dims)}) in {variable.units[0]}",
+        next_step="give truth_kind other than rendered to have absent truth filled with NaN"
+        if variable.role == "truth" else "",
+    )  # fmt: skip
 
 
 def as_json(value: object, where: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.checks.breaking import PlantedJudge, check_search, holds, planted_regions
-from beambench.benchmarks.checks.planted import DIMENSIONS, region_text, registered
+from beambench.benchmarks.checks.gated_planted import DIMENSIONS, region_text, registered
 from beambench.benchmarks.run import run_suite
 from beambench.benchmarks.search.break_run import break_estimator
 from beambench.benchmarks.search.breaker import search_and_shrink, suite_text

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..search.failure_map import Point, refine_axis
 from ..search.failure_rate import Trial
-from .planted import fading_rate, registered
+from .gated_planted import fading_rate, registered
 
 __all__ = ["KINDS", "Held", "check_captures", "check_maps", "trials_at"]
 

@@ -24,7 +24,7 @@ import numpy as np
 from ..search.breaker import search_and_shrink, suite_text
 from ..search.space import SPACE, Candidate
 from ..suites.stress import stressed
-from .planted import DIMENSIONS, READABLE, Region, inside, region_text, registered
+from .gated_planted import DIMENSIONS, READABLE, Region, inside, region_text, registered
 
 __all__ = ["Found", "PlantedJudge", "check_captures", "check_search", "holds", "planted_regions"]
 

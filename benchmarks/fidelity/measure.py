@@ -176,7 +176,7 @@ def measure_scene(
             error, low, high = replicate_error(stack, found.ones, found.twos)
             rows.append(
                 {
-                    "modality": "gated", "scene": scene.name, "rung": rung, "cpu_s": seconds, "rel_error": error,
+                    "modality": scene.modality, "scene": scene.name, "rung": rung, "cpu_s": seconds, "rel_error": error,
                     "lo": low, "hi": high, "task_error": task_error(stack, (one, two), slope, variance),
                     "predicted_error": choice.predicted.get(rung, float("nan")),
                     "chosen": rung == choice.rung, "verdict": verdict(low, high, limit), "rtol": rtol, "limit": limit,

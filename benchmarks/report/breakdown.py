@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..folders.files import write_atomic, write_text
-from .charts import PALETTE, SHAPES, _finished
+from .charts import PALETTE, SHAPES, finished
 from .text import rate
 
 __all__ = ["TABLE_HEAD", "breakdown_table", "curve_name", "page_section", "read_breakdown", "save_maps"]
@@ -135,7 +135,7 @@ def _title(axis: str, unit: str) -> str:
 def _scale(values: Sequence[float]) -> Any:
     import altair as alt
 
-    from ..search.failure_map import is_log
+    from ..statistics.levels import is_log
 
     return alt.Scale(type="log" if is_log(values) else "linear", zero=False, nice=False)
 
@@ -144,7 +144,7 @@ def _axis(values: Sequence[float]) -> Any:
     """Plain numbers where they are short, powers of ten where they are not."""
     import altair as alt
 
-    from ..search.failure_map import is_log
+    from ..statistics.levels import is_log
 
     largest = max(abs(value) for value in values)
     form = "~e" if largest >= 1e5 or largest < 1e-3 else "~g"
@@ -186,7 +186,7 @@ def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> 
     if edges:
         bars = alt.Chart(alt.InlineData(values=edges)).mark_rule(strokeWidth=5, opacity=0.45)
         layers.append(bars.encode(x=alt.X("from:Q"), x2="to:Q", y=alt.Y("target:Q"), color=colour))
-    return _finished(alt.layer(*layers).properties(width=520, height=300), page=False)
+    return finished(alt.layer(*layers).properties(width=520, height=300), page=False)
 
 
 def _heat(points: list[dict[str, Any]], cells: Mapping[str, Sequence[tuple[float, ...]]]) -> dict[str, Any]:
@@ -212,4 +212,4 @@ def _heat(points: list[dict[str, Any]], cells: Mapping[str, Sequence[tuple[float
         dot = alt.Chart(alt.InlineData(values=dots)).mark_circle(size=8, color="#ffffff", opacity=0.8)
         layered = alt.layer(rect.encode(x=x, x2="x2:Q", y=y, y2="y2:Q", color=colour), dot.encode(x=x, y=y))
         panels.append(layered.properties(width=280, height=260, title=label))
-    return _finished(alt.concat(*panels, columns=3), page=False)
+    return finished(alt.concat(*panels, columns=3), page=False)

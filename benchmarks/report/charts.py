@@ -48,7 +48,7 @@ def speed_accuracy_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
 
     chart = _panel(cells, page=page)
     chart = chart.properties(width="container" if page else WIDTH, height=HEIGHT)
-    return _finished(chart, page=page)
+    return finished(chart, page=page)
 
 
 def _panel(cells: list[Cell], *, page: bool) -> Any:
@@ -85,16 +85,7 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
     legend = None if page else alt.Legend(title=None, orient="top", symbolStrokeWidth=2)
     fill = alt.Fill("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, ground, OTHER]), legend=legend)
     stroke = alt.Stroke("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, FRONT, OTHER]), legend=legend)
-    layers: list[Any] = []
-    if bounds:
-        rule = alt.InlineData(values=[{"bound": sorted(bounds)[len(bounds) // 2], "text": "bound"}])
-        at = alt.Y("bound:Q")
-        layers.append(alt.Chart(rule).mark_rule(strokeDash=[5, 4], color=BOUND, strokeWidth=1.2).encode(y=at))
-        layers.append(
-            alt.Chart(rule)
-            .mark_text(align="left", baseline="bottom", dx=4, dy=-3, fontSize=10, fontStyle="italic", color=BOUND)
-            .encode(y=at, x=alt.value(0), text="text:N")
-        )
+    layers = _bound_layers(bounds)
     for position, condition in enumerate(conditions):
         front = [p for p in points if p["front"] and p["condition"] == condition]
         line = alt.Chart(alt.InlineData(values=front)).mark_line(
@@ -111,13 +102,33 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
             x=x, y=y, fill=fill, stroke=stroke, shape=shape, tooltip=tips
         )
     )
-    # Each label twice: the first, in the colour of the ground, keeps lines from crossing the letters of the second.
+    layers += [text.encode(x=x, y=y, text="text:N", tooltip=tips) for text in _label_marks(base, ground)]
+    return alt.layer(*layers)
+
+
+def _bound_layers(bounds: list[float]) -> list[Any]:
+    """The dashed line of the bound with its name; none without a bound."""
+    import altair as alt
+
+    if not bounds:
+        return []
+    rule = alt.InlineData(values=[{"bound": sorted(bounds)[len(bounds) // 2], "text": "bound"}])
+    at = alt.Y("bound:Q")
+    return [
+        alt.Chart(rule).mark_rule(strokeDash=[5, 4], color=BOUND, strokeWidth=1.2).encode(y=at),
+        alt.Chart(rule)
+        .mark_text(align="left", baseline="bottom", dx=4, dy=-3, fontSize=10, fontStyle="italic", color=BOUND)
+        .encode(y=at, x=alt.value(0), text="text:N"),
+    ]
+
+
+def _label_marks(base: Any, ground: str) -> list[Any]:
+    """Each label twice: the first, in the colour of the ground, keeps lines from crossing the letters of the second."""
+    import altair as alt
+
     place: dict[str, Any] = {side: alt.ExprRef(f"datum.{side}") for side in ("align", "dx", "dy")}
     halo: dict[str, Any] = {"stroke": ground, "strokeWidth": 4, "strokeJoin": "round"}
-    for extra in (halo, {}):
-        text = base.mark_text(fontSize=11, baseline="middle", **place, **extra)
-        layers.append(text.encode(x=x, y=y, text="text:N", tooltip=tips))
-    return alt.layer(*layers)
+    return [base.mark_text(fontSize=11, baseline="middle", **place, **extra) for extra in (halo, {})]
 
 
 _TIPS = {
@@ -222,7 +233,7 @@ def stress_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
         )
         .properties(width="container" if page else WIDTH, height=HEIGHT)
     )
-    return _finished(chart, page=page)
+    return finished(chart, page=page)
 
 
 def _is_number(text: str) -> bool:
@@ -246,7 +257,7 @@ def save_charts(cells: list[Cell], png: Path, svg: Path) -> str:
         _panel(group, page=False).properties(width=WIDTH, height=HEIGHT, title=panel_title(panel, panels))
         for panel, group in panels.items()
     ]
-    spec = _finished(alt.concat(*charts, columns=3).resolve_scale(shape="independent"), page=False)
+    spec = finished(alt.concat(*charts, columns=3).resolve_scale(shape="independent"), page=False)
     drawing: str = vlc.vegalite_to_svg(spec)
     image: bytes = vlc.svg_to_png(drawing, scale=2.0)
     write_atomic(png, lambda path: _write(path, image))
@@ -258,7 +269,7 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _finished(chart: Any, *, page: bool) -> dict[str, Any]:
+def finished(chart: Any, *, page: bool) -> dict[str, Any]:
     ink = "currentColor" if page else "#1d2330"
     font = (
         "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif" if page else "DejaVu Sans, Arial, sans-serif"

@@ -163,6 +163,58 @@ def _home(label: str) -> str:
     return found[0] if found else ""
 
 
+def _describe(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"[:500]
+
+
+class _Server:
+    """An estimator that does the jobs it is sent, and reports on each."""
+
+    def __init__(self, label: str, tell: Callable[..., None]) -> None:
+        self.label, self.tell, self.warm = label, tell, False
+        self.call, self.stage, self.unfit = _bind(label)
+
+    def serve(self, job: dict[str, Any]) -> bool:
+        """Do one job; False where the estimator cannot run on this machine at all."""
+        from .estimator_labels import missing_package
+
+        if reason := _another(self.stage, job["modality"]):
+            self.tell(event="skip", job=job["job"], message=reason)
+            return True
+        try:
+            event = self._answer(job)
+        except MemoryError as error:
+            self.tell(event="memory", job=job["job"], message=_describe(error))
+        except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result
+            absent = "" if self.warm else missing_package(error, _home(self.label))
+            if absent:  # reported before the first answer, for all captures: none can be left out by choice
+                self.tell(event="refused", message=f"skip: needs the package {absent}")
+                return False
+            self.tell(event="error", job=job["job"], message=_describe(error))
+        else:
+            if event:
+                self.tell(job=job["job"], **event)
+        return True
+
+    def _answer(self, job: dict[str, Any]) -> dict[str, Any]:
+        """The event that ends a job, with its times; none where the job asked for a warm-up only."""
+        from .protocol import open_capture
+
+        capture = open_capture(Path(job["input"]), job["condition"])
+        # By the declared rig, before the call: an estimator cannot leave captures out by their data.
+        if reason := self.unfit(capture):
+            return {"event": "skip", "message": reason}
+        if not self.warm:
+            self.call(capture)
+            self.warm = True
+        self.tell(event="warm", job=job["job"])
+        if job["only_warm"]:
+            return {}
+        result, figures = _measure(self.call, capture) if job["timed"] else (self.call(capture), {})
+        wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
+        return ({"event": "invalid", "message": wrong} if wrong else {"event": "done"}) | figures
+
+
 def main(arguments: list[str]) -> int:
     """Serve jobs until the pipe closes."""
     label, jobs_fd, events_fd = arguments[0], int(arguments[1]), int(arguments[2])
@@ -174,55 +226,19 @@ def main(arguments: list[str]) -> int:
     def tell(**event: Any) -> None:
         os.write(events_fd, (json.dumps(event) + "\n").encode())
 
-    def describe(error: BaseException) -> str:
-        return f"{type(error).__name__}: {error}"[:500]
-
     from .estimator_labels import missing_package
-    from .protocol import open_capture
 
     try:
-        call, stage, unfit = _bind(label)
+        server = _Server(label, tell)
     except BaseException as error:
         absent = missing_package(error, _home(label))
-        tell(event="refused", message=f"skip: needs the package {absent}" if absent else describe(error))
+        tell(event="refused", message=f"skip: needs the package {absent}" if absent else _describe(error))
         return 0
-    tell(event="started", stage=stage.word)
-    warm = False
-    capture: Any = None
-    result: Any = None
+    tell(event="started", stage=server.stage.word)
     with os.fdopen(jobs_fd, encoding="utf-8") as jobs:
         for line in jobs:
-            job = json.loads(line)
-            if reason := _another(stage, job["modality"]):
-                tell(event="skip", job=job["job"], message=reason)
-                continue
-            try:
-                capture = open_capture(Path(job["input"]), job["condition"])
-                # Told by the declared rig, before the call: an estimator cannot leave captures out by their data.
-                if reason := unfit(capture):
-                    tell(event="skip", job=job["job"], message=reason)
-                    continue
-                if not warm:
-                    call(capture)
-                    warm = True
-                tell(event="warm", job=job["job"])
-                if job["only_warm"]:
-                    continue
-                result, figures = _measure(call, capture) if job["timed"] else (call(capture), {})
-                wrong = _save(result, Path(job["output"]), stage, job["sizes"])
-            except MemoryError as error:
-                tell(event="memory", job=job["job"], message=describe(error))
-            except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result
-                absent = "" if warm else missing_package(error, _home(label))
-                if absent:  # told before the first answer, for all captures: none can be left out by choice
-                    tell(event="refused", message=f"skip: needs the package {absent}")
-                    return 0
-                tell(event="error", job=job["job"], message=describe(error))
-            else:
-                event = {"event": "invalid", "message": wrong} if wrong else {"event": "done"}
-                tell(job=job["job"], **event, **figures)
-            finally:
-                capture, result = None, None
+            if not server.serve(json.loads(line)):
+                break
     return 0
 
 

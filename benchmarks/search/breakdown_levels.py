@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...captures.layouts import scored_first
+from ..statistics.levels import is_log
 from ..suites.suite import CELL_NONE
-from .failure_map import is_log
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,10 +21,11 @@ from itertools import pairwise
 import numpy as np
 
 from ...scenes.errors import InputError
+from ..statistics.levels import is_log
 from .failure_rate import Trial, dispersion, failure_rate, rate_bounds
 
 __all__ = [
-    "TARGETS", "Edge", "EdgeMap", "Evaluate", "check_levels", "find_edge", "is_log", "isotonic", "refine_axis",
+    "TARGETS", "Edge", "EdgeMap", "Evaluate", "check_levels", "find_edge", "isotonic", "refine_axis",
     "refine_grid",
 ]  # fmt: skip
 
@@ -36,8 +37,6 @@ Point = tuple[float, ...]
 Evaluate = Callable[[Sequence[Point]], Mapping[Point, Sequence[Trial]]]
 
 _CONFIDENCE_ERROR = 0.05
-#: Levels that span a factor of at least this lie on a logarithmic axis.
-_LOG_FACTOR = 8.0
 
 
 @dataclass(frozen=True)
@@ -72,11 +71,6 @@ class EdgeMap:
     def ordered(self, levels: Sequence[float]) -> list[float]:
         """The measured levels of the first axis, in the direction of `levels`."""
         return sorted({point[0] for point in self.trials}, reverse=len(levels) > 1 and levels[-1] < levels[0])
-
-
-def is_log(levels: Sequence[float]) -> bool:
-    """Whether levels are halved as ratios: all above zero, and spanning a factor of 8 or more."""
-    return min(levels) > 0 and max(levels) / min(levels) >= _LOG_FACTOR
 
 
 def isotonic(value: Sequence[float], weight: Sequence[float]) -> list[float]:

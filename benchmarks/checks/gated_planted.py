@@ -107,7 +107,7 @@ def registered() -> Iterator[None]:
         info = Path(folder) / "beambench_planted-1.0.dist-info"
         info.mkdir()
         (info / "METADATA").write_text("Metadata-Version: 2.1\nName: beambench_planted\nVersion: 1.0\n")
-        lines = [f"{name} = beambench.benchmarks.checks.planted:{name}" for name in ("planted", "fading")]
+        lines = [f"{name} = beambench.benchmarks.checks.gated_planted:{name}" for name in ("planted", "fading")]
         (info / "entry_points.txt").write_text("\n".join(["[beambench.estimators]", *lines, ""]))
         sys.path.insert(0, folder)
         try:
