@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.bounds.gated import gated_bound
-from beambench.benchmarks.bounds.instrument import light_path, noise_model, true_scene
+from beambench.benchmarks.bounds.gated_instrument import light_path, noise_model
+from beambench.benchmarks.bounds.instrument import true_scene
 from beambench.benchmarks.written.gated import written_capture
 from beambench.optics.constants import C_M_PER_S, FWHM_PER_SIGMA
 from beambench.optics.correlation import response as correlation

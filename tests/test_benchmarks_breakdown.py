@@ -14,7 +14,7 @@ import pytest
 from beambench.benchmarks.checks.breakdown import KINDS, Kind, check_captures, check_maps, trials_at
 from beambench.benchmarks.report.breakdown import breakdown_table, page_section, read_breakdown
 from beambench.benchmarks.runner.session import Job, Outcome
-from beambench.benchmarks.scores.score import Bound, Truth
+from beambench.benchmarks.scores.truth import Bound, Truth
 from beambench.benchmarks.search.bench import Answer, trials_of
 from beambench.benchmarks.search.breakdown import BREAKDOWN_COLUMNS, breakdown_row, change_in_bounds, map_rows
 from beambench.benchmarks.search.failure_map import EdgeMap, Point, is_log, isotonic, refine_axis, refine_grid

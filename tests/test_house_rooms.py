@@ -22,14 +22,14 @@ ORDER: dict[str, tuple[str, ...]] = {
         "reflection", "ladar", "likelihood", "pile_up", "time_of_flight",
     ),
     "scenes": ("rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load"),
-    "captures": ("quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide"),
+    "captures": ("quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example"),
     "generator": ("rays", "bsdf", "water", "paths", "gated", "ranger", "models", "preview", "generate"),
     "estimators": ("labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration"),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "laws", "judges", "runner", "report", "search",
-        "fidelity", "peers", "checks", "reproduce", "run",
+        "peers", "fidelity", "run", "checks", "reproduce",
     ),
-    "api": ("output", "console", "verbs", "commands", "cli"),
+    "api": ("output", "console", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip
 
 #: Longest function, lines. Compiled kernels are one loop that a call would slow down.
@@ -43,6 +43,11 @@ TABLES = {
     "estimators/builtin.py": "BUILTIN",
     "benchmarks/judges/__init__.py": "JUDGES",
 }
+
+#: Rooms and files that are about one instrument, not about any: published set-ups, comparisons, checks, a face for authors.
+ONE_INSTRUMENT = (
+    "benchmarks/reproduce", "benchmarks/peers", "benchmarks/checks", "benchmarks/fidelity", "estimators/__init__.py",
+)  # fmt: skip
 
 
 def room_of(name: str) -> tuple[str, str]:
@@ -102,6 +107,18 @@ def is_of(path: Path, modality: str) -> bool:
     return any(part == modality or part.startswith(f"{modality}_") for part in path.with_suffix("").parts)
 
 
+def foreign_imports(graph: Mapping[str, Mapping[str, int]], files: Mapping[str, Path]) -> Iterator[str]:
+    """Imports of a modality's files by files that are not of the modality, and not of a room about one instrument."""
+    for importer, targets in graph.items():
+        at = files[importer]
+        if str(at) in ONE_INSTRUMENT or any(str(at).startswith(f"{room}/") for room in ONE_INSTRUMENT):
+            continue
+        for target, line in targets.items():
+            for modality in LAYOUTS:
+                if is_of(files[target], modality) and not is_of(at, modality):
+                    yield f"{at}:{line} imports {target}"
+
+
 def sources(project: Path) -> Iterator[tuple[Path, str]]:
     """(path inside the project, text) of every source of the package."""
     for path in files_of(project).values():
@@ -140,6 +157,11 @@ def test_modalities_stand_in_their_files_and_the_tables(project: Path) -> None:
             continue
         wrong += [f"{path}:{line} {name!r}" for line, name in modality_strings(text, LAYOUTS) if not is_of(path, name)]
     assert wrong == []
+
+
+def test_only_a_modality_imports_its_files(project: Path) -> None:
+    files = {name: path.relative_to(project) for name, path in files_of(project).items()}
+    assert list(foreign_imports(graph_of(project), files)) == []
 
 
 # ---------------------------------------------------------------- each rule fails on a planted breach
@@ -186,6 +208,15 @@ def test_a_modality_outside_its_files_is_found() -> None:
     assert list(modality_strings(text, LAYOUTS)) == [(1, "gated"), (4, "wavefront")]
     assert is_of(Path("generator/gated/full.py"), "gated") and is_of(Path("benchmarks/bounds/gated_scan.py"), "gated")
     assert not is_of(Path("generator/generate.py"), "gated") and not is_of(Path("generator/propagated.py"), "gated")
+
+
+def test_a_foreign_import_is_found() -> None:
+    names = ("generator/generate", "generator/gated/full", "optics/jit", "generator/ranger/waveform")
+    files = {name: Path(f"{name}.py") for name in names}
+    graph = {"generator/generate": {"generator/gated/full": 4}, "generator/gated/full": {"optics/jit": 1}}
+    assert list(foreign_imports(graph, files)) == ["generator/generate.py:4 imports generator/gated/full"]
+    graph = {"generator/gated/full": {"generator/ranger/waveform": 2}}
+    assert len(list(foreign_imports(graph, files))) == 1
 
 
 def test_tables_name_real_files(project: Path) -> None:

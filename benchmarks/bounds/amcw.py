@@ -23,7 +23,7 @@ from ...scenes.medium_index import group_index
 from ...scenes.rigs.amcw import AmcwRig, amcw_rig
 from ..scores.truth import Bound
 from .instrument import bounded, true_scene, unbounded
-from .waveform import profiled_sigma
+from .profiled import profiled_sigma
 
 __all__ = ["amcw_bound", "amcw_noise", "background_of"]
 

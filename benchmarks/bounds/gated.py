@@ -29,19 +29,8 @@ from ...optics.likelihood.fisher_table import information_table
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import GatedRig, gated_rig
 from ..scores.truth import Bound
-from .instrument import (
-    bounded,
-    gate_offsets,
-    gated_responses,
-    halo_of,
-    noise_model,
-    path_delay,
-    response_std_s,
-    samples_variance_s2,
-    true_delay,
-    true_scene,
-    unbounded,
-)
+from .gated_instrument import gate_offsets, gated_responses, halo_of, noise_model, path_delay, true_delay
+from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 
 __all__ = ["gated_bound"]
 

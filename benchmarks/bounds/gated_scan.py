@@ -13,16 +13,8 @@ from ...optics.correlation import response as correlation
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
-from .instrument import (
-    gate_offsets,
-    gated_responses,
-    halo_of,
-    noise_model,
-    path_delay,
-    response_centroid_s,
-    response_std_s,
-    true_delay,
-)
+from .gated_instrument import gate_offsets, gated_responses, halo_of, noise_model, path_delay, true_delay
+from .instrument import response_centroid_s, response_std_s
 from .scan import Elements, Scan, levels, make_scan, need_truth, table_shapes
 
 __all__ = ["gated_scan"]

@@ -28,8 +28,9 @@ from ...scenes.medium_index import group_index
 from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
 from ..scores.truth import Bound
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
+from .profiled import profiled_sigma
 
-__all__ = ["analog_noise", "profiled_sigma", "waveform_bound"]
+__all__ = ["analog_noise", "waveform_bound"]
 
 Float = npt.NDArray[np.float64]
 
@@ -48,22 +49,6 @@ def analog_noise(readout: AnalogReadout) -> NoiseModel:
         excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
         intensifier_gain=1.0 if tube is None else tube.gain,
     )
-
-
-def profiled_sigma(information: Float, gradient: Float) -> Float:
-    """√(F⁻¹)₀₀ (shot) of F = Σ_k J_k a_k a_kᵀ; infinite where F has no inverse.
-
-    Main arguments:
-        information (shot, sample), gradient (parameter, shot, sample): the first parameter is the wanted one.
-    """
-    f = np.einsum("psk,qsk,sk->spq", gradient, gradient, information)
-    # Scaled to a unit diagonal first: the parameters differ by many orders.
-    d = np.sqrt(np.maximum(np.diagonal(f, axis1=1, axis2=2), 1e-300))
-    scaled = f / (d[:, :, None] * d[:, None, :])
-    good = np.isfinite(scaled).all(axis=(1, 2)) & (np.abs(np.linalg.det(np.nan_to_num(scaled))) > 1e-12)
-    inverse = np.linalg.inv(np.where(good[:, None, None], scaled, np.eye(f.shape[1])))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(good, np.sqrt(inverse[:, 0, 0]) / d[:, 0], np.inf)
 
 
 def waveform_bound(capture: xr.Dataset) -> Bound:

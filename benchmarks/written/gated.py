@@ -21,7 +21,7 @@ from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.sampling import optics_gate, optics_pulse
 from ...scenes.scene import Scene
-from ..bounds.instrument import noise_model, path_delay
+from ..bounds.gated_instrument import noise_model, path_delay
 
 __all__ = ["drawn_counts", "response_area_s", "written_capture"]
 

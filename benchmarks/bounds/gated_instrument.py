@@ -1,0 +1,89 @@
+"""What the bounds of a range-gated stack read of it: responses, noise, delays and paths of the true rig."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics.constants import C_M_PER_S
+from ...optics.correlation import response as correlation
+from ...optics.correlation import waveforms
+from ...optics.likelihood.model import NoiseModel
+from ...scenes.rigs.gated import GatedRig
+from ...scenes.sampling import optics_gate, optics_pulse, response_table
+
+__all__ = [
+    "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay", "true_delay",
+]  # fmt: skip
+
+Float = npt.NDArray[np.float64]
+
+
+def gated_responses(rig: GatedRig, rtol: float) -> list[correlation.Table]:
+    """R(u) of every gate from its closed form, jitter per shot included; `rtol` of R's peak."""
+    pulse = optics_pulse(rig.laser.pulse)
+    if rig.laser.jitter_shot_s > 0:
+        pulse = waveforms.broadened(pulse, rig.laser.jitter_shot_s)
+    return [response_table(pulse, optics_gate(gate), rtol, f"rig.gates.{i}") for i, gate in enumerate(rig.gates)]
+
+
+def noise_model(rig: GatedRig) -> NoiseModel:
+    """The likelihood of one sample. Dark electrons are part of the mean μ, unless a tube comes before them."""
+    detector, tube = rig.detector, rig.detector.intensifier
+    dark = detector.dark_current_e_per_s * detector.exposure_s
+    return NoiseModel(
+        read_noise_e=detector.read_noise_e,
+        gain_dn_per_e=detector.gain_dn_per_e,
+        offset_dn=detector.offset_dn,
+        adc_max_dn=2**detector.adc_bits - 1,
+        full_well_e=detector.full_well_e,
+        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
+        intensifier_gain=1.0 if tube is None else tube.gain,
+        dark_e=0.0 if tube is None else dark,
+    )
+
+
+def light_path(truth: Float, rig: GatedRig) -> tuple[Float, Float]:
+    """Path there and back, m, and its derivative by the range, for every pixel (row, col) of radial range `truth`."""
+    position = np.asarray(rig.laser.position_m, np.float64)
+    if not position.any():
+        return 2.0 * truth, np.full(truth.shape, 2.0)
+    camera = rig.camera
+    x = (np.arange(camera.cols) - (camera.cols - 1) / 2) * camera.pixel_pitch_m / camera.focal_length_m
+    y = (np.arange(camera.rows) - (camera.rows - 1) / 2) * camera.pixel_pitch_m / camera.focal_length_m
+    norm = np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
+    ray = np.stack(np.broadcast_arrays(x[None, :] / norm, y[:, None] / norm, 1.0 / norm), axis=-1)
+    from_laser = truth[..., None] * ray - position
+    distance = np.sqrt((from_laser**2).sum(axis=-1))
+    return truth + distance, 1.0 + (ray * from_laser).sum(axis=-1) / distance
+
+
+def path_delay(truth: Float, rig: GatedRig, group_index: float) -> tuple[Float, Float]:
+    """`light_path` as time [s], and its derivative [s/m]."""
+    path, slope = light_path(truth, rig)
+    return path * (group_index / C_M_PER_S), slope * (group_index / C_M_PER_S)
+
+
+def true_delay(capture: xr.Dataset, rig: GatedRig) -> Float:
+    """Delays (slice) as the light knows them: `delay` holds the declared t0."""
+    declared = float(json.loads(capture.attrs["rig"])["t0_s"])
+    return np.asarray(capture["delay"].values, np.float64) - declared + rig.t0_s
+
+
+def gate_offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
+    """How much later a pixel's gate opens, s, (row, col)."""
+    if rig.gate_map is None:
+        return np.broadcast_to(np.float64(0.0), shape)
+    from ...optics.correlation.gate_maps import gate_offset_map
+
+    return np.asarray(gate_offset_map(*shape, rig.gate_map.iris_s, rig.gate_map.skew_s), np.float64)
+
+
+def halo_of(capture: xr.Dataset) -> Float:
+    """Target light (row, col) that reaches a pixel scattered, in photoelectrons at an open gate; zero where none is told."""
+    if "truth_halo" in capture:
+        return np.nan_to_num(np.asarray(capture["truth_halo"].values, np.float64))
+    return np.zeros(capture["truth_range"].shape)
