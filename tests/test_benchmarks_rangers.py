@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from beambench.benchmarks.bounds.amcw import amcw_bound
-from beambench.benchmarks.bounds.waveform import profiled_sigma, waveform_bound
+from beambench.benchmarks.bounds.profiled import profiled_sigma
+from beambench.benchmarks.bounds.waveform import waveform_bound
 from beambench.benchmarks.judges.bound import bound_of
 from beambench.benchmarks.judges.calibrate import calibrated_rig
 from beambench.benchmarks.run import run_suite

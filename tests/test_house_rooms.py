@@ -22,7 +22,9 @@ ORDER: dict[str, tuple[str, ...]] = {
         "reflection", "ladar", "likelihood", "pile_up", "time_of_flight",
     ),
     "scenes": ("rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load"),
-    "captures": ("quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example"),
+    "captures": (
+        "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example",
+    ),
     "generator": ("rays", "bsdf", "water", "paths", "gated", "ranger", "models", "preview", "generate"),
     "estimators": ("labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration"),
     "benchmarks": (
