@@ -88,10 +88,16 @@ def _resolved(
     overrides: dict[str, Any] = {}
     if scene is not None and scene in variants:
         scene, overrides = _named(scene, variants, where, within)
+        if scene is None:
+            raise InputError(
+                "A variant without a scene stands in the place of a scene.", where=f"{where}.scene", value=variant.scene,
+                allowed="a scene of the library, a file, or a variant that has a scene",
+                next_step=f'{{ scene = "flat-wall", with = ["{variant.scene}"] }}, for example',
+            )  # fmt: skip
     for name in variant.changes:
         if name not in variants or variants[name].scene is not None:
             raise InputError(
-                "An entry of `with` is not a variant without a scene.",
+                "A name under `with` should be that of a variant without a scene.",
                 where=f"{where}.with",
                 value=name,
                 allowed=", ".join(name for name, one in variants.items() if one.scene is None)
@@ -108,7 +114,7 @@ def _named(
     if name in within:
         raise InputError(
             "A variant builds on itself.", where=where, value=" -> ".join([*within, name]),
-            next_step="give the variant a name that no scene of the library has",
+            next_step="build it on a scene of the library; a variant should not bear the name of one",
         )  # fmt: skip
     return _resolved(variants[name], variants, where, (*within, name))
 
