@@ -137,9 +137,9 @@ def test_a_real_find_replays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "told"),
-    [({"neighbours": ["peak"]}, "against others"), ({"scenes": ["amcw"], "neighbours": ["amcw-phase"]}, "cannot be judged"),
-     ({"budget": 0}, "cannot be made"), ({"scenes": ["nowhere"]}, "no such"),
-     ({"scenes": ["flat-wall", "amcw"]}, "one kind")],
+    [({"neighbours": ["peak"]}, "at least one neighbour"), ({"scenes": ["amcw"], "neighbours": ["amcw-phase"]}, "cannot be judged"),
+     ({"budget": 0}, "out of range"), ({"scenes": ["nowhere"]}, "no such"),
+     ({"scenes": ["flat-wall", "amcw"]}, "one modality")],
 )  # fmt: skip
 def test_bad_searches_are_told(tmp_path: Path, change: dict[str, object], told: str) -> None:
     from beambench import break_

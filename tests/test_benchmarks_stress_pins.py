@@ -16,7 +16,8 @@ import pytest
 from beambench.benchmarks.suites.stress import AXES, axis_overrides
 from beambench.benchmarks.suites.suite import cells_of, list_suites, load_suite
 from beambench.scenes.errors import InputError
-from beambench.scenes.load import list_scenes, load_scene
+from beambench.scenes.load import load_scene
+from beambench.scenes.rigs import RIGS
 
 AXES_PINNED = Path(__file__).parent / "pinned_stress_axes.json"
 SUITES_PINNED = Path(__file__).parent / "pinned_suites.json"
@@ -52,8 +53,15 @@ LEVELS = {
 }  # fmt: skip
 
 
+#: Scenes of the library when the table was written; what is added later has no past.
+LIBRARY = (
+    "amcw", "coastal-relief", "counter", "flat-wall", "harbour-wall", "object1", "object2", "panel", "photodetector-5m",
+    "relief-tank", "single-photon", "sphere", "step", "tilted-wall",
+)  # fmt: skip
+
+
 def _scenes() -> dict[str, tuple[str, dict[str, Any]]]:
-    return {name: (name, {}) for name in list_scenes()} | VARIANTS
+    return {name: (name, {}) for name in LIBRARY} | VARIANTS
 
 
 #: Significant digits of pinned numbers: the last few are those of a machine's own logarithms and powers.
@@ -119,11 +127,9 @@ def axes() -> dict[str, Any]:
     return axes_table()
 
 
-def test_the_pins_hold_every_axis_and_a_scene_of_every_kind(axes: dict[str, Any]) -> None:
-    from beambench.scenes.rigs import RIGS
-
+def test_the_pins_hold_a_scene_of_every_kind_of_rig_there_was(axes: dict[str, Any]) -> None:
     assert set(json.loads(AXES_PINNED.read_text(encoding="utf-8"))) <= set(axes)
-    assert {load_scene(name).modality for name in list_scenes()} <= set(RIGS)
+    assert {load_scene(name).modality for name in LIBRARY} == {"gated", "waveform", "amcw"} <= set(RIGS)
 
 
 def test_every_suite_asks_for_the_captures_it_always_asked_for() -> None:

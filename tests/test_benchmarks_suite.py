@@ -12,7 +12,7 @@ from beambench.benchmarks.folders.journal import Journal, default_folder
 from beambench.benchmarks.folders.kinds import RUN
 from beambench.benchmarks.folders.workplace import output_folder, workplace
 from beambench.benchmarks.runner.estimator_labels import check_estimators
-from beambench.benchmarks.suites.suite import capture_key, cells_of, list_suites, load_suite
+from beambench.benchmarks.suites.suite import SUITES, capture_key, cells_of, list_suites, load_suite
 from beambench.scenes.errors import InputError
 
 
@@ -101,6 +101,78 @@ def test_a_scene_may_be_listed_twice_under_two_names() -> None:
     assert [name for name, _ in loaded.scenes] == ["flat-wall", "dim"]
     with pytest.raises(InputError, match="same name"):
         load_suite(suite(scenes=["flat-wall", "flat-wall"]))
+
+
+WALL = {"scene": "flat-wall", "overrides": {"rig.camera.rows": 8, "rig.camera.cols": 8}}
+DIM = {"overrides": {"target.wall.material.albedo": 0.05, "rig.pulses_per_slice": 9}}
+
+
+def test_variants_are_written_out_and_leave_no_trace() -> None:
+    variants = {"small": WALL, "smaller": {"scene": "small", "overrides": {"rig.camera.rows": 4}}, "dim": DIM}
+    scenes = [
+        "small",
+        {"scene": "smaller", "with": ["dim"], "name": "smaller-dim", "overrides": {"rig.pulses_per_slice": 7}},
+        {"scene": "flat-wall", "with": ["dim"]},
+    ]
+    loaded = load_suite(suite(variants=variants, scenes=scenes))
+    assert [name for name, _ in loaded.scenes] == ["small", "smaller-dim", "flat-wall"]
+    rigs = [(s.rig.camera.rows, s.rig.camera.cols, s.rig.pulses_per_slice) for _, s in loaded.scenes]  # type: ignore[attr-defined]
+    assert rigs == [(8, 8, 100), (4, 8, 7), (64, 64, 9)]
+    plain = [
+        {"name": "small", **WALL},
+        {"scene": "flat-wall", "name": "smaller-dim", "overrides": {
+            "target.wall.material.albedo": 0.05, "rig.camera.cols": 8, "rig.camera.rows": 4, "rig.pulses_per_slice": 7}},
+        {"scene": "flat-wall", "overrides": DIM["overrides"]},
+    ]  # fmt: skip
+    assert load_suite(suite(scenes=plain)).hash == loaded.hash
+
+
+def test_later_overrides_of_a_variant_win_over_earlier_ones() -> None:
+    inner = {"scene": "flat-wall", "overrides": {"target.0.material": {"kind": "lambert", "albedo": 0.9}}}
+    outer = {"scene": "inner", "overrides": {"target.0.material.albedo": 0.3}}
+    again = {"scene": "outer", "overrides": {"target.0.material": {"kind": "lambert", "albedo": 0.7}}}
+    loaded = load_suite(suite(variants={"inner": inner, "outer": outer, "again": again}, scenes=["outer", "again"]))
+    assert [s.target[0].material.albedo for _, s in loaded.scenes] == [0.3, 0.7]  # type: ignore[union-attr]
+
+
+def test_overrides_of_a_suite_reach_its_variants_and_its_written_out_scenes() -> None:
+    data = suite(variants={"small": WALL, "dim": DIM}, scenes=["small"])
+    rows = {"variants.small.overrides": {"rig.camera.rows": 5}}
+    assert load_suite(data, rows).scenes[0][1].rig.camera.rows == 5  # type: ignore[attr-defined]
+    both = load_suite(data, {"scenes.0.overrides": {"rig.camera.rows": 6}}).scenes[0][1].rig.camera  # type: ignore[attr-defined]
+    assert (both.rows, both.cols) == (6, 64)
+    dim = load_suite(data, {"scenes": [{"scene": "small", "with": ["dim"]}]}).scenes[0][1]
+    assert dim.target[0].material.albedo == 0.05  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("variants", "scenes", "message"),
+    [
+        ({"a": {"scene": "b"}, "b": {"scene": "a"}}, ["flat-wall"], "a -> b -> a"),
+        ({"a": {"with": ["b"]}, "b": {"with": ["a"]}}, ["flat-wall"], "a -> b -> a"),
+        ({"flat-wall": {"scene": "flat-wall"}}, ["flat-wall"], "flat-wall -> flat-wall"),
+        ({"a": WALL}, [{"scene": "flat-wall", "with": ["a"]}], "without a scene"),
+        ({"a": DIM}, [{"scene": "flat-wall", "with": ["b"]}], "allowed: a"),
+        ({"a": DIM}, ["a"], "A variant without a scene stands"),
+        ({"a": {"scen": "flat-wall"}}, ["flat-wall"], "variants.a.scen"),
+        ({"a": 3}, ["flat-wall"], "variants.a"),
+        ([WALL], ["flat-wall"], "variants"),
+        ({"a": WALL}, [{"scene": "a", "with": "dim"}], "scenes.0"),
+        ({"a": WALL}, [{"scene": "a", "overrides": 3}], "scenes.0"),
+        ({"a": WALL}, [{"scene": "a", "nome": "x"}], "nome"),
+        ({"a": WALL}, [3], "scenes.0"),
+    ],
+)
+def test_bad_variants_are_refused(variants: Any, scenes: list[Any], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_suite(suite(variants=variants, scenes=scenes))
+    assert message in str(caught.value)
+
+
+def test_no_suite_that_ships_has_a_long_line() -> None:
+    for name in list_suites():
+        for number, line in enumerate((SUITES / f"{name}.toml").read_text(encoding="utf-8").splitlines(), 1):
+            assert len(line) <= 132, f"{name}.toml:{number}"
 
 
 def test_scene_files_lie_beside_the_suite(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Break an estimator on generated captures: the search of `breaker` with real scenes, and what it leaves on disk."""
+"""Break an estimator on generated captures: the search of `breaker` over scenes, and the files that it writes."""
 
 from __future__ import annotations
 
@@ -11,48 +11,38 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ...scenes.load import load_scene
-from ...scenes.rigs import RIGS, rig_kind
 from ...scenes.scene import Scene
 from ..folders.files import write_json, write_text
 from ..folders.kinds import BREAK
 from ..folders.progress import Progress, silent
 from ..folders.record import TABLES_VERSION, machine, now, versions
-from ..runner.estimator_labels import Chosen, check_estimators
 from ..scores.tables import to_csv
 from ..statistics.skips import not_applicable, skip_reason
 from ..suites.spec import Limits
 from ..suites.stress import stressed
 from ..suites.suite import CELL_NONE, Cell, capture_key
 from .bench import Bench
+from .break_plan import Plan, plan_break
 from .breaker import search_and_shrink, suite_text
 from .space import Candidate, dimensions_of
 
-__all__ = ["NEIGHBOURS", "SCENES", "BreakResult", "Plan", "break_estimator", "plan_break"]
-
-#: Who an estimator is measured against where nobody is named: one of each family.
-NEIGHBOURS = {
-    "gated": ("poisson-ml", "weighted-average[background=outside]", "parabola"),
-    "waveform": ("waveform-ml", "waveform-average", "waveform-constant-fraction"),
-    "amcw": ("amcw-ml", "amcw-phase", "amcw-decade"),
-}
-#: Scenes of the library that are searched where none is named, the plainest first.
-SCENES = {
-    "gated": ("flat-wall", "tilted-wall", "sphere"),
-    "waveform": ("photodetector-5m", "counter"),
-    "amcw": ("amcw",),
-}
+__all__ = ["BreakResult", "Plan", "break_estimator", "plan_break"]
 
 _COLUMNS = ("scene", "levels", "badness")
 
 
 @dataclass(frozen=True)
 class BreakResult:
-    """What a search left.
+    """The outcome of a search.
 
-    `found`: whether the estimator fails against its neighbours somewhere. `ratio`: its full RMSE over the best there
-    (a crash counts as ten times). `spec`: the suite file that repeats the find, None without one. `levels`, `scene`:
-    the find, or the worst that was seen. `rows`: the scores at the find, of the estimator and its neighbours.
+    Main arguments:
+        out: folder with search.csv, run.json and, after a find, the suite file.
+        found: whether the estimator fails against its neighbours somewhere.
+        ratio: its full RMSE over the best one's there; a crash counts as ten times.
+        scene, levels: of the find, or of the worst candidate where there is no find.
+        spec: the suite file that repeats the find, None without one.
+        rows: the scores there, of the estimator and its neighbours.
+        judged: number of captures judged. wall_s: time taken.
     """
 
     out: Path
@@ -67,7 +57,7 @@ class BreakResult:
 
 
 class _Judge:
-    """Badness of a candidate: log10 of the estimator's full RMSE over the best that anybody reaches."""
+    """Badness of a candidate: log10 of the estimator's full RMSE over the best of all estimators, or the local bound."""
 
     def __init__(self, bench: Bench, label: str, scenes: Mapping[str, Scene], log: Path, seed: int) -> None:
         self.bench, self.label, self.scenes = bench, label, scenes
@@ -76,7 +66,7 @@ class _Judge:
         write_text(log, to_csv([], _COLUMNS))
 
     def cell(self, candidate: Candidate, seed: int) -> tuple[Cell, dict[str, Any]]:
-        """The cell as `beambench run` makes it from the written spec, and the overrides."""
+        """The cell as `beambench run` makes it from the written suite, and the overrides."""
         scene, overrides = stressed(self.scenes[candidate.scene], candidate.levels)
         nan, key = math.nan, capture_key(scene.name, CELL_NONE, math.nan)
         return Cell(scene.name, scene, CELL_NONE, nan, CELL_NONE, nan, seed, key), overrides
@@ -85,9 +75,7 @@ class _Judge:
         """Score row by label."""
         cell, _ = self.cell(candidate, seed)
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # of scenes outside the gates and the like: the search goes there on purpose
+            warnings.simplefilter("ignore")  # targets outside the gates and the like: the search goes there on purpose
             (answers,) = self.bench.answer([cell])
         return {label: answer.row for label, answer in answers.items()}
 
@@ -104,76 +92,20 @@ class _Judge:
         except InputError:  # levels that no scene can have together, or no element with a truth
             self.impossible += 1
             return -math.inf
-        mine = rows[self.label]
-        if not_applicable(mine["status"]):
+        own = rows[self.label]
+        if not_applicable(own["status"]):
             raise InputError(
-                "The estimator cannot be judged here.", where=self.label, value=skip_reason(mine["status"])
+                "The estimator cannot be judged on these scenes.", where=self.label, value=skip_reason(own["status"])
             )
         applicable = [row for label, row in rows.items() if label != self.label and not not_applicable(row["status"])]
         best = min((row["rmse_full"] for row in applicable), default=math.inf)
-        best = max(min(best, mine["rmse_full"]), 1e-12)
+        best = max(min(best, own["rmse_full"]), 1e-12)
         # A local bound keeps a lucky neighbour from making all others look bad. Bounds near the threshold hold rare
         # outliers that captures of this size do not show: there the neighbours alone are the measure.
         bounds = [row["bound"] for row in rows.values() if row["bound"] > 0 and row["bound_kind"] in ("exact", "quasi")]
         reference = max([best, *bounds[:1]])
-        badness = math.log10(mine["rmse_full"] / reference) if mine["rmse_full"] > 0 else -math.inf
-        return badness + (1.0 if mine["status"] != "ok" else 0.0)
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A search that can be made: its arguments, checked, and what they name."""
-
-    target: Chosen
-    others: list[Chosen]
-    scenes: tuple[str, ...]
-    loaded: dict[str, Scene]
-    base: dict[str, Any]
-    overrides: dict[str, Any]
-    side: int
-    factor: float
-    budget: int
-    seed: int
-
-
-def plan_break(
-    name: str,
-    *,
-    neighbours: Sequence[str] = (),
-    scenes: Sequence[str] = (),
-    overrides: Mapping[str, Any] | None = None,
-    side: int = 24,
-    factor: float = 3.0,
-    budget: int = 300,
-    seed: int = 0,
-) -> Plan:
-    """Check a search before anything is written; arguments as for `break_estimator`.
-
-    Raises:
-        InputError: unknown estimator, scene or override, no neighbour, a negative seed, or a budget that is no number of
-            candidates.
-    """
-    (target,) = check_estimators([name])
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError("A seed is a whole number, not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
-    if not (1 <= budget <= 100_000 and factor > 1 and 2 <= side <= 1024):
-        raise InputError(
-            "The search cannot be made like this.",
-            where="budget, factor, side",
-            value=(budget, factor, side),
-            allowed="budget 1 … 100000, factor over 1, side 2 … 1024",
-        )
-    scenes = tuple(scenes or SCENES[_modality(target.name)])
-    modalities = {load_scene(scene).modality for scene in scenes}
-    if len(modalities) != 1:
-        raise InputError("One search is over scenes of one kind.", where="scenes", value=sorted(modalities))
-    modality = modalities.pop()
-    others = [one for one in check_estimators(neighbours or NEIGHBOURS[modality]) if one.label != target.label]
-    if not others:
-        raise InputError("An estimator is judged against others.", where="neighbours", value=list(neighbours))
-    base = {**rig_kind(modality).resize(side), **(overrides or {})}
-    loaded = {scene: load_scene(scene, base) for scene in scenes}
-    return Plan(target, others, scenes, loaded, base, dict(overrides or {}), side, factor, budget, seed)
+        badness = math.log10(own["rmse_full"] / reference) if own["rmse_full"] > 0 else -math.inf
+        return badness + (1.0 if own["status"] != "ok" else 0.0)
 
 
 def break_estimator(
@@ -190,12 +122,10 @@ def break_estimator(
     Main arguments:
         name: the estimator's label, or a plan that was checked before. out: a folder that exists.
     Other arguments:
-        neighbours: labels to compare with; `NEIGHBOURS` by default. scenes: names or paths, the plainest first; `SCENES`
-        by default. overrides: of every scene.
-        side: rows and columns of the captures (side² shots): small, since a find needs no resolution. factor, budget, seed: see
-        `search_and_shrink`. time_limit_s: per capture and estimator.
+        neighbours, scenes, overrides, side, factor, budget, seed: see `plan_break`.
+        time_limit_s: per capture and estimator.
 
-    search.csv is written as the search goes: what is interrupted leaves what it judged.
+    search.csv grows with the search, so that an interrupted one leaves all that it judged.
 
     Raises:
         InputError: as `plan_break`.
@@ -215,20 +145,7 @@ def break_estimator(
         rows = list(judge.answers(candidate, seed).values())
         changes = judge.cell(candidate, seed)[1]
         made = bench.captures_made
-    spec = None
-    if search.find is not None:
-        spec = out / f"break-{target.name}.toml"
-        labels = [target.label, *(one.label for one in others)]
-        text = suite_text(
-            spec.stem,
-            _note(target.label, candidate, rows),
-            candidate.scene,
-            {**plan.base, **changes},
-            labels,
-            seed,
-            spec.name,
-        )
-        write_text(spec, text)
+    spec = _write_find(plan, candidate, rows, changes, out) if search.find else None
     write_text(out / "search.csv", _table(search.seen))
     record = {
         "verb": BREAK.verb, "estimator": target.label, "neighbours": [one.label for one in others],
@@ -246,29 +163,33 @@ def break_estimator(
     )  # fmt: skip
 
 
-def _modality(name: str) -> str:
-    """The modality that a built-in reads. A plug-in's code is never imported here: where no scenes are named, those of the
-    first kind of rig are searched."""
-    from ...estimators import BUILTIN
-    from ...estimators.registry import get_estimator
-
-    return get_estimator(name).modality if name in BUILTIN else next(iter(RIGS))
+def _write_find(
+    plan: Plan, candidate: Candidate, rows: Sequence[Mapping[str, Any]], changes: Mapping[str, Any], out: Path
+) -> Path:
+    """Write the suite file that repeats a find; gives its path."""
+    spec = out / f"break-{plan.target.name}.toml"
+    labels = [plan.target.label, *(one.label for one in plan.others)]
+    note = _note(plan.target.label, candidate, rows)
+    overrides = {**plan.base, **changes}
+    write_text(spec, suite_text(spec.stem, note, candidate.scene, overrides, labels, plan.seed, spec.name))
+    return spec
 
 
 def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -> str:
-    """One line for people: who fails how badly, and where."""
+    """One line for people: the estimator's error, the best one's, the bound, and the levels."""
     where = ", ".join(f"{axis} = {level:g}" for axis, level in candidate.levels) or "as written"
-    mine, others = rows[0], [row for row in rows[1:] if not not_applicable(row["status"])] or rows[:1]
+    own, others = rows[0], [row for row in rows[1:] if not not_applicable(row["status"])] or rows[:1]
     best = min(others, key=lambda row: row["rmse_full"])
-    status = "" if mine["status"] == "ok" else f" ({str(mine['status'])[:60]})"
+    status = "" if own["status"] == "ok" else f" ({str(own['status'])[:60]})"
+    bound, unit = own["bound"] if own["bound"] > 0 else best["bound"], own["unit"]
     return (
-        f"{label}: RMSE {mine['rmse_full']:.3g} m{status}, {best['estimator']} {best['rmse_full']:.3g} m, "
-        f"bound {mine['bound'] if mine['bound'] > 0 else best['bound']:.3g} m; {where}"
+        f"{label}: RMSE {own['rmse_full']:.3g} {unit}{status}, {best['estimator']} {best['rmse_full']:.3g} {unit}, "
+        f"bound {bound:.3g} {unit}; {where}"
     )
 
 
 def _table(seen: Sequence[tuple[Candidate, float]]) -> str:
-    """search.csv: every candidate with its badness, in the order of the search; impossible ones are left empty."""
+    """search.csv: every candidate with its badness, in the order of the search; empty for an impossible candidate."""
     rows = [
         {
             "scene": candidate.scene,

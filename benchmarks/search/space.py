@@ -1,7 +1,7 @@
-"""The space that `beambench break` searches: library scenes under the named stresses, each within stated levels.
+"""The space that `beambench break` searches: scenes under the named stresses, each between two levels.
 
-A candidate is a scene and the levels of some axes; axes that it does not name are as the scene has them. What is wrong
-for every estimator alike (a wrong index, a wrong time zero) is left out: it shows the calibration, not the estimator.
+A candidate is a scene and the levels of some axes; axes that it does not name are as the scene has them. Stresses that hurt
+every estimator alike (a wrong index, a wrong zero of time) are left out: they tell of the calibration, not of an estimator.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Dimension:
 
     Main arguments:
         axis: a named stress. low, high: levels. log: drawn evenly in the logarithm.
-        neutral: where the level is pulled when a find is made smaller: the benign end.
+        neutral: the benign level, toward which a find is shrunk.
     Other arguments:
         coarse: only levels 1, 2, 5, 10 … are drawn: the exact likelihood is tabulated anew for each.
     """
@@ -53,7 +53,7 @@ class Dimension:
         return (level - self.low) / (self.high - self.low)
 
 
-#: The documented space. Levels are those of `stress.AXES`.
+#: The documented space; levels in the units of `stress.AXES`.
 SPACE: tuple[Dimension, ...] = (
     Dimension("photons", 1e-3, 30.0, True, 1.0),
     Dimension("background", 1e3, 1e10, True, 1e3),
@@ -78,7 +78,7 @@ class Candidate:
     levels: tuple[tuple[str, float], ...]
 
     def without(self, axes: Sequence[str]) -> Candidate:
-        """The candidate with some axes left as the scene has them."""
+        """The candidate without some axes, which stay as the scene has them."""
         return Candidate(self.scene, tuple(pair for pair in self.levels if pair[0] not in axes))
 
     def at(self, axis: str, level: float) -> Candidate:
@@ -117,16 +117,16 @@ def dimensions_of(scenes: Sequence[Scene], space: Sequence[Dimension] = SPACE) -
 
 
 def draw(rng: np.random.Generator, scenes: Sequence[str], space: Sequence[Dimension]) -> Candidate:
-    """A random candidate: from one axis changed to all of them, often many, since shrinking takes away what is idle."""
+    """A random candidate with one to all axes changed, often many: shrinking takes away those that do not matter."""
     count = int(max(rng.integers(1, len(space) + 1, size=2)))
     chosen = rng.choice(len(space), size=count, replace=False)
-    # A little beyond both ends, so that the ends themselves, where much breaks, are drawn now and then.
+    # A little beyond both ends, so that the ends themselves, where failures are frequent, are drawn now and then.
     levels = {space[i].axis: space[i].level(float(rng.uniform(-0.06, 1.06))) for i in chosen}
     return Candidate(str(rng.choice(list(scenes))), tuple(sorted(levels.items())))
 
 
 def ends(scene: str, space: Sequence[Dimension]) -> list[Candidate]:
-    """Each axis alone, at either end: the finds that are easiest to read are tried first."""
+    """Each axis alone, at either end; tried first, since such finds are the easiest to read."""
     return [Candidate(scene, ((d.axis, d.level(x)),)) for d in space for x in (0.0, 1.0) if d.level(x) != d.neutral]
 
 

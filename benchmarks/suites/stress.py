@@ -15,7 +15,8 @@ from ...scenes.errors import InputError
 from ...scenes.load import load_scene
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
-from .stress_axes import AXES, Axis, Overrides
+from .changes import Overrides
+from .stress_axes import AXES, Axis
 
 __all__ = ["AXES", "Axis", "axis_overrides", "axis_unit", "list_axes", "stressed"]
 

@@ -18,6 +18,7 @@ from ...scenes.spec_files import find_spec_file, read_spec_file
 from ...scenes.validate import validate_spec
 from .spec import Calibration, Condition, Limits, SceneEntry, Seeds, Split, Stress, Suite
 from .stress import stressed
+from .variants import without_variants
 
 __all__ = [
     "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
@@ -76,13 +77,13 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
         path = find_spec_file(str(source), SUITES, kind="suite", next_step="beambench run quickstart")
         data, where, folder = read_spec_file(path), str(source), path.parent
     of_suite, of_scenes = _split(overrides or {})
-    scenes = data.get("scenes")
-    if isinstance(scenes, list):  # a plain string is short for {scene = "..."}
-        data["scenes"] = [{"scene": item} if isinstance(item, str) else item for item in scenes]
-    if of_suite:
-        data = apply_overrides(data, of_suite)
-        if isinstance(data.get("scenes"), list):
-            data["scenes"] = [{"scene": item} if isinstance(item, str) else item for item in data["scenes"]]
+    of_variants = {path: value for path, value in of_suite.items() if path.split(".")[0] == "variants"}
+    data = apply_overrides(data, of_variants) if of_variants else data
+    variants = data.get("variants", {})
+    data = without_variants(data, where)
+    if len(of_suite) > len(of_variants):  # these see each scene as written out; new ones may name variants as well
+        data = apply_overrides(data, {path: value for path, value in of_suite.items() if path not in of_variants})
+        data = without_variants({**data, "variants": variants}, where)
     suite = validate_spec(Suite, data, where)
     loaded: list[tuple[str, Scene]] = []
     for entry in suite.scenes:
@@ -111,7 +112,8 @@ def _anchor(name: str, folder: Path) -> str:
 
 
 def _split(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    suite_keys, scene_keys = set(Suite.model_fields), set(Scene.model_fields) - {"name", "title", "schema_version"}
+    suite_keys = {*Suite.model_fields, "variants"}
+    scene_keys = set(Scene.model_fields) - {"name", "title", "schema_version"}
     of_suite: dict[str, Any] = {}
     of_scenes: dict[str, Any] = {}
     for path, value in overrides.items():

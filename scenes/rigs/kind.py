@@ -11,7 +11,7 @@ from ..base import Spec, Vec3
 from ..errors import InputError
 from ..medium import Medium
 from .parts import Camera, Illumination
-from .roles import ROLES, Role
+from .roles import Role, check_roles
 
 __all__ = ["RigKind", "RigScene", "RigSpec", "RigView", "other_kind"]
 
@@ -102,8 +102,7 @@ class RigKind(Generic[RigT]):
     needs_target: bool = True
 
     def __post_init__(self) -> None:
-        if unknown := set(self.roles) - set(ROLES):
-            raise ValueError(f"the kind {self.name!r} names roles that do not exist: {sorted(unknown)}")
+        check_roles(self.roles, self.name)
 
 
 def other_kind(scene: RigScene, wanted: str) -> InputError:

@@ -5,9 +5,10 @@ Each kind maps the roles that it has to paths of a scene; a stress on a role tha
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["ROLES", "Role", "Steps"]
+__all__ = ["ROLES", "Role", "Steps", "check_roles"]
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,17 @@ ROLES: dict[str, str] = {
     "shot-jitter": "rms timing jitter of one pulse against the next, s",
     "start": "first delay or sample in time, s",
 }
+
+#: Roles that are `Steps`; all others are paths.
+_STEPS = frozenset({"sampling"})
+
+
+def check_roles(roles: Mapping[str, Role], kind: str) -> None:
+    """Refuse the roles of a kind of rig that name no role, or say of one what it cannot be. Raises ValueError."""
+    for name, role in roles.items():
+        if name not in ROLES:
+            raise ValueError(f"the kind of rig {kind!r} has a role {name!r}, which is none of {sorted(ROLES)}")
+        if isinstance(role, Steps) != (name in _STEPS):
+            raise ValueError(
+                f"the role {name!r} of the kind of rig {kind!r} should be {'Steps' if name in _STEPS else 'a path'}"
+            )

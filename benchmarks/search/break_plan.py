@@ -1,0 +1,102 @@
+"""The arguments of a search for an estimator's failures: checked, and completed with the modality's usual neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...scenes.errors import InputError
+from ...scenes.load import load_scene
+from ...scenes.rigs import RIGS, rig_kind
+from ...scenes.scene import Scene
+from ..judges import judge_of
+from ..runner.estimator_labels import Chosen, check_estimators
+
+__all__ = ["Plan", "plan_break"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The checked arguments of a search.
+
+    Main arguments:
+        target: the estimator. others: its neighbours. scenes: names or paths. loaded: the scenes, made small.
+        base: overrides of every scene, those that make it small among them. overrides: those that were given.
+        side, factor, budget, seed: see `plan_break`.
+    """
+
+    target: Chosen
+    others: list[Chosen]
+    scenes: tuple[str, ...]
+    loaded: dict[str, Scene]
+    base: dict[str, Any]
+    overrides: dict[str, Any]
+    side: int
+    factor: float
+    budget: int
+    seed: int
+
+
+def plan_break(
+    name: str,
+    *,
+    neighbours: Sequence[str] = (),
+    scenes: Sequence[str] = (),
+    overrides: Mapping[str, Any] | None = None,
+    side: int = 24,
+    factor: float = 3.0,
+    budget: int = 300,
+    seed: int = 0,
+) -> Plan:
+    """Check a search before anything is written.
+
+    Main arguments:
+        name: the estimator's label.
+        neighbours: labels to compare with; those of the modality's judge by default.
+        scenes: names or paths, the plainest first; those of the modality's judge by default. overrides: of every scene.
+    Other arguments:
+        side: a capture has side² elements: few, since a find needs no resolution.
+        factor, budget, seed: see `search_and_shrink`.
+
+    Raises:
+        InputError: an unknown estimator, scene or override; no neighbour; scenes of two modalities; a number out of range.
+    """
+    (target,) = check_estimators([name])
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(
+            "A seed should be a whole number of at least 0.", where="seed", value=seed, allowed="0, 1, 2, …"
+        )
+    if not (1 <= budget <= 100_000 and factor > 1 and 2 <= side <= 1024):
+        raise InputError(
+            "A number of the search is out of range.",
+            where="budget, factor, side",
+            value=(budget, factor, side),
+            allowed="budget 1 … 100000, factor over 1, side 2 … 1024",
+        )
+    scenes = tuple(scenes or judge_of(_modality(target.name)).scenes)
+    modalities = {load_scene(scene).modality for scene in scenes}
+    if len(modalities) != 1:
+        raise InputError(
+            "The scenes of one search should be of one modality.", where="scenes", value=sorted(modalities)
+        )
+    modality = modalities.pop()
+    others = [one for one in check_estimators(neighbours or judge_of(modality).neighbours) if one.label != target.label]
+    if not others:
+        raise InputError(
+            "A search needs at least one neighbour, other than the estimator itself.",
+            where="neighbours",
+            value=list(neighbours),
+        )
+    base = {**rig_kind(modality).resize(side), **(overrides or {})}
+    loaded = {scene: load_scene(scene, base) for scene in scenes}
+    return Plan(target, others, scenes, loaded, base, dict(overrides or {}), side, factor, budget, seed)
+
+
+def _modality(name: str) -> str:
+    """The modality of the captures that a built-in reads. Code of a plug-in is never imported here: without named scenes,
+    its modality is taken to be the first one."""
+    from ...estimators import BUILTIN
+    from ...estimators.registry import get_estimator
+
+    return get_estimator(name).modality if name in BUILTIN else next(iter(RIGS))
