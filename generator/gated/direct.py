@@ -23,7 +23,7 @@ from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
 from ...scenes.scene import Scene
-from ..rays.echo import Echoes, albedo_at_normal, echoes, without_diffuse
+from ..rays.echo import Echoes, echoes
 from ..rays.returns import Returns, gather_returns
 from ..rays.subsampling import centre_error, lattice, plan, stack_power
 from ..rays.trace import Hits, Tracer, pixel_directions
@@ -201,10 +201,10 @@ def _shaped(value: Any, shape: tuple[int, int]) -> Any:
 
 def _albedo(scene: Scene, hits: Hits) -> Float:
     """Hemispherical albedo at normal incidence of what each ray hits, texture included; NaN where it hits nothing."""
-    whole = np.array([*(albedo_at_normal(item.material) for item in scene.target), np.nan])[hits.target]
+    whole = np.array([*(item.material.albedo_at_normal() for item in scene.target), np.nan])[hits.target]
     if not any(item.texture for item in scene.target):
         return whole
-    gloss = [albedo_at_normal(without_diffuse(i.material) if i.texture else i.material) for i in scene.target]
+    gloss = [(i.material.without_diffuse() if i.texture else i.material).albedo_at_normal() for i in scene.target]
     bare = np.array([*gloss, np.nan])[hits.target]
     return np.asarray(bare + hits.shade * (whole - bare))
 

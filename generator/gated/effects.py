@@ -12,7 +12,6 @@ import numpy as np
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from ...scenes.shapes import Rectangle, Sphere
-from ..rays.echo import albedo_at_normal
 from ..rays.returns import depth_of_pixels
 from .direct import DirectScene
 from .finite_size import finite_size
@@ -120,5 +119,5 @@ def interreflection(scene: Scene) -> tuple[float | None, str]:
     flat = all(isinstance(s, Rectangle) and s.tilt_x_deg == 0 and s.tilt_y_deg == 0 for s in shapes)
     if flat or (len(shapes) == 1 and isinstance(shapes[0], Rectangle | Sphere)):
         return 0.0, "no surface faces another"
-    brightest = max(albedo_at_normal(item.material) for item in scene.target)
+    brightest = max(item.material.albedo_at_normal() for item in scene.target)
     return None, f"unknown; at most the largest albedo, {brightest:.2g}"

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...optics import illumination, ladar
-from ...optics.reflection.albedo import albedo_limit
 from ...scenes.errors import InputError
-from ...scenes.materials import Chua, CookTorrance, Material, Phong
+from ...scenes.materials import Material
 from ...scenes.medium_index import group_index
 from ...scenes.meshes import shape_mesh
 from ...scenes.rigs.gated import gated_rig
@@ -20,7 +19,6 @@ from ..bsdf.lobes import opaque
 from ..bsdf.plugin import mitsuba_bsdf
 from ..bsdf.texture import shade_of, sphere_frame, vertex_uv
 from ..rays.backend import mitsuba
-from ..rays.echo import response
 from .phase import PhaseCells, phase_cells_of
 
 __all__ = ["Lamp", "PathWorld"]
@@ -192,14 +190,8 @@ def _geometry(scene: Scene) -> Any:
 
 
 def _check_energy(material: Material, where: str) -> None:
-    """Light that bounces between surfaces that amplify it has no sum: refuse them."""
-    if isinstance(material, Phong):
-        largest, angle = material.diffuse_albedo + material.specular_albedo, 0.0
-    elif isinstance(material, CookTorrance | Chua):
-        # Up to 80°: nearer to grazing some laws exceed one by construction, and hardly any light goes there.
-        largest, angle = albedo_limit(response(material), largest_theta_rad=1.396, samples=9)
-    else:
-        return
+    """Refuse surfaces that amplify light: what bounces between them has no sum."""
+    largest, angle = material.largest_albedo()
     if largest > 1.0 + _ENERGY_SLACK:
         raise InputError(
             "This surface returns more light than it gets, so light that bounces on it has no bound.",

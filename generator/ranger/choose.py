@@ -22,7 +22,6 @@ from ...scenes.rigs.waveform import waveform_rig
 from ...scenes.scene import Scene
 from ..gated.choose import RUNG_SHARE, Choice, Rtol
 from ..gated.effects import interreflection
-from ..rays.echo import albedo_at_normal
 from ..water.ramp import beam_edge, beam_profile
 from .amcw import expected_samples
 from .footprint import ranger_footprint
@@ -70,7 +69,7 @@ def choose_ranger(scene: Scene, rtol: Rtol) -> Choice:
 def ranger_sizes(scene: Scene) -> dict[str, float]:
     """Predicted size of each effect that `direct` leaves out, relative to the echo, by its name in the catalogue."""
     bounce, _ = interreflection(scene)
-    brightest = max(albedo_at_normal(item.material) for item in scene.target)
+    brightest = max(item.material.albedo_at_normal() for item in scene.target)
     sizes = {"interreflection": brightest if bounce is None else bounce}
     medium = scene.medium
     if medium.scattering_per_m == 0:
@@ -118,7 +117,7 @@ def _backscatter(scene: Scene, phase: PhaseFunction, range_m: float) -> float:
     (r/r₀)²/(ρ/π), w = ½ c/n_g √(2π)σ of the pulse, r₀ where the record begins; amcw: all water against the target's light."""
     medium = scene.medium
     turned = medium.scattering_per_m * float(phase_density(phase, np.pi))
-    matt = max(albedo_at_normal(item.material) for item in scene.target) / np.pi
+    matt = max(item.material.albedo_at_normal() for item in scene.target) / np.pi
     c = medium.attenuation_per_m
     rig = waveform_rig(scene) if scene.modality == "waveform" else amcw_rig(scene)
     nearest = _NEAREST_APERTURES * rig.receiver.aperture_diameter_m

@@ -10,29 +10,14 @@ from numpy.typing import NDArray
 
 from ...optics import illumination, ladar
 from ...optics.constants import C_M_PER_S
-from ...optics.reflection import albedo as brdf_albedo
 from ...optics.reflection.angles import Angles, angles, monostatic
-from ...optics.reflection.chua import chua
-from ...optics.reflection.cook_torrance import cook_torrance
-from ...optics.reflection.lambert import lambert
-from ...optics.reflection.phong import phong
-from ...scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.rigs.parts import Illumination
 from ...scenes.scene import Scene, TargetObject
 from .trace import Hits, Tracer
 
-__all__ = [
-    "Echoes",
-    "albedo_at_normal",
-    "beam_angle",
-    "beam_intensity",
-    "echoes",
-    "response",
-    "textured_response",
-    "without_diffuse",
-]
+__all__ = ["Echoes", "beam_angle", "beam_intensity", "echoes", "textured_response"]
 
 Float = NDArray[np.float64]
 
@@ -49,56 +34,13 @@ class Echoes:
     cos_view: Float
 
 
-def response(material: Material) -> Callable[[Angles], Float]:
-    """The material's response f·cosθi [1/sr] as a function of angles."""
-    if isinstance(material, Lambert):
-        return lambda a: lambert(a, albedo=material.albedo)
-    if isinstance(material, Phong):
-        return lambda a: phong(
-            a,
-            diffuse_albedo=material.diffuse_albedo,
-            specular_albedo=material.specular_albedo,
-            exponent=material.exponent,
-        )
-    if isinstance(material, CookTorrance):
-        return lambda a: cook_torrance(
-            a,
-            diffuse_albedo=material.diffuse_albedo,
-            f0=material.f0,
-            roughness=material.roughness,
-            distribution=material.distribution,
-        )
-    assert isinstance(material, Chua)
-    return lambda a: chua(
-        a,
-        k_s=material.k_s,
-        k_d=material.k_d,
-        slope=material.slope,
-        diffusivity=material.diffusivity,
-        convention=material.convention,
-    )
-
-
 def textured_response(item: TargetObject, a: Angles, shade: Float) -> Float:
     """The response f·cosθi [1/sr] of an object, its diffuse part times `shade`, the texture's value."""
-    whole = response(item.material)(a)
+    whole = item.material.response(a)
     if item.texture is None:
         return whole
-    gloss = response(without_diffuse(item.material))(a)
+    gloss = item.material.without_diffuse().response(a)
     return np.asarray(gloss + shade * (whole - gloss))
-
-
-def without_diffuse(material: Material) -> Material:
-    """The material's gloss alone."""
-    name = {"lambert": "albedo", "chua": "k_d"}.get(material.kind, "diffuse_albedo")
-    return material.model_copy(update={name: 0.0})
-
-
-def albedo_at_normal(material: Material) -> float:
-    """Hemispherical albedo of the material at normal incidence."""
-    if isinstance(material, Lambert):
-        return material.albedo
-    return float(brdf_albedo.hemispherical_albedo(response(material), 0.0))
 
 
 def echoes(
