@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...scenes.materials import CookTorrance
-from .lobes import cosine_direction, facet_density, facet_direction, opaque, reflect
+from ..rays.backend import opaque
+from .lobes import cosine_direction, facet_density, facet_direction, reflect
 
 __all__ = ["CookTorranceLaw", "cook_torrance_law"]
 

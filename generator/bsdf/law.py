@@ -11,7 +11,7 @@ class Law(Protocol):
     """An isotropic reflection law in the local frame (normal along z), for wi.z > 0 and wo.z > 0.
 
     `wi` points along the traced path, to the camera; `wo` is the direction that Mitsuba samples, to the light: the reverse
-    of `optics`. All values are drjit arrays; constants come from `lobes.opaque`, so that other values do not recompile.
+    of `optics`. All values are drjit arrays; constants come from `opaque`, so that other values do not recompile.
     """
 
     def response(self, wi: Any, wo: Any, shade: Any = 1.0) -> Any:

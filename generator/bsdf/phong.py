@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...scenes.materials import Phong
-from ..rays.backend import mitsuba
-from .lobes import cosine_direction, opaque
+from ..rays.backend import mitsuba, opaque
+from .lobes import cosine_direction
 
 __all__ = ["PhongLaw", "phong_law"]
 
