@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.generator.paths import world as path_world
+from beambench.generator.gated.view import view_of
 from beambench.generator.ranger import footprint
-from beambench.generator.rays import echo
+from beambench.generator.rays.lamp import RoundBeam
 from beambench.optics import illumination
 from beambench.scenes.load import load_scene
 from beambench.scenes.rigs.gated import gated_rig
@@ -36,20 +36,20 @@ def test_echo_footprint_and_path_tracer_agree_with_it() -> None:
     direction /= np.linalg.norm(direction, axis=0)
     exact = np.arccos(np.clip(AXIS @ direction, -1.0, 1.0))
     # arccos loses digits near the axis: 1e-7.
-    np.testing.assert_allclose(echo.beam_angle(spec, direction), exact, atol=1e-7)
+    np.testing.assert_allclose(RoundBeam(spec).angle(direction), exact, atol=1e-7)
     # A footprint that fills the beam, narrower than the field, is centred on the axis.
-    local, _ = footprint._cone(spec.model_copy(update={"half_angle_rad": 0.01}), 0.5, 4096)
+    local, _ = footprint._cone(RoundBeam(spec.model_copy(update={"half_angle_rad": 0.01})), 0.5, 4096)
     centre = local.mean(axis=1)
     # The lattice of 4096 rays balances to 1e-2 of its radius of .026.
     np.testing.assert_allclose(centre / np.linalg.norm(centre), AXIS, atol=3e-4)
     scene = load_scene("flat-wall", {"rig.laser.illumination": spec.model_dump(mode="json")})
-    lamp = path_world.Lamp.of(scene)
+    lamp = view_of(scene).lamp.on_device()
     np.testing.assert_allclose(np.asarray([float(v[0]) for v in lamp.axis]), AXIS, atol=1e-6)
 
 
 def test_the_brightest_pixel_and_the_brightest_veil_lie_on_it() -> None:
-    from beambench.generator.gated.direct import gate_tables
-    from beambench.generator.generate import slice_coordinates, slice_settings
+    from beambench.generator.gated.gates import gate_tables
+    from beambench.generator.gated.stack import slice_coordinates, slice_settings
     from beambench.generator.water.ramp import backscatter_electrons
 
     changes = {
@@ -62,8 +62,8 @@ def test_the_brightest_pixel_and_the_brightest_veil_lie_on_it() -> None:
     coords = slice_coordinates(scene)
     delay, scale = slice_settings(scene, coords, 0, 0)
     veil = backscatter_electrons(
-        scene, scene.medium.phase, gate_tables(scene), coords["gate"], delay, scale, np.full((101, 101), np.nan), None,
-        forward=False,
+        scene, view_of(scene), scene.medium.phase, gate_tables(scene), coords["gate"], delay, scale,
+        np.full((101, 101), np.nan), None, forward=False,
     )[0]  # fmt: skip
     row, col = np.unravel_index(int(np.argmax(veil)), veil.shape)
     camera = gated_rig(scene).camera

@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.generator.gated.choose import choose, pilot_scene
+from beambench.generator.checked import checked
+from beambench.generator.choice import Choice, Rtol
+from beambench.generator.gated.pilot import pilot_scene
 from beambench.generator.generate import generate
+from beambench.generator.models import model_of
+from beambench.generator.ranger.amcw_sizes import amcw_instrument
 from beambench.generator.ranger.choose import ranger_sizes
+from beambench.generator.ranger.waveform_sizes import waveform_instrument
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 from beambench.scenes.rigs.gated import gated_rig
@@ -44,6 +49,12 @@ def water(absorption: float, scattering: float) -> Scene:
     }  # fmt: skip
     place = {"target.0.shape.center_m": [0.0, 0.0, 3.0], "rig.delays.start_s": 22e-9, "rig.delays.count": 40}
     return load_scene("flat-wall", SMALL | {"medium": medium} | place)
+
+
+def choose(scene: Scene, rtol: Rtol, seed: int, key: int) -> Choice:
+    """The choice of `generate`."""
+    request = checked(scene, seed=seed, capture_key=key, fidelity="auto", rtol=rtol)
+    return model_of(scene.modality).choose(scene, request)
 
 
 def electrons(scene: Scene, rung: Any, seed: int, rtol: float) -> np.ndarray[Any, Any]:
@@ -150,8 +161,8 @@ WATER = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["photodetector-5m", "amcw"])
-def test_rangers_are_judged_by_closed_forms(name: str) -> None:
+@pytest.mark.parametrize(("name", "instrument"), [("photodetector-5m", waveform_instrument), ("amcw", amcw_instrument)])
+def test_rangers_are_judged_by_closed_forms(name: str, instrument: Any) -> None:
     """Faint scattering passes, more needs the scatter rung; turbid water is refused with the largest effect named."""
     faint, turbid = (load_scene(name, {"medium": WATER | {"scattering_per_m": b}}) for b in (1e-6, 0.5))
     choice = choose(faint, 0.05, 1, 1)
@@ -162,7 +173,8 @@ def test_rangers_are_judged_by_closed_forms(name: str) -> None:
     assert between.rung == "scatter" and between.predicted["scatter"] < 0.05 < between.predicted["direct"]
     with pytest.raises(InputError, match=r"upper rung of this modality, scatter, leaves out .*: "):
         choose(turbid, 0.05, 1, 1)
-    more = ranger_sizes(load_scene(name, {"medium": WATER | {"scattering_per_m": 2e-6}}))
+    twice = load_scene(name, {"medium": WATER | {"scattering_per_m": 2e-6}})
+    more = ranger_sizes(twice, instrument(twice))
     for effect in ("forward-scattered light", "volume backscatter"):
         assert more[effect] == pytest.approx(2 * choice.sizes[effect], rel=0.01)
 

@@ -14,8 +14,8 @@ from scipy.stats import chi2
 from beambench.benchmarks.judges.bound import cramer_rao_bound
 from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
-from beambench.generator.gated.direct import response_width_s
 from beambench.generator.gated.full import Limits, Remainder, render_remainder
+from beambench.generator.gated.gates import response_width_s
 from beambench.generator.generate import generate
 from beambench.scenes.load import load_scene
 from beambench.scenes.rigs.gated import gated_rig

@@ -11,7 +11,9 @@ from scipy.integrate import quad
 from scipy.special import erf
 
 from beambench.benchmarks.fidelity.family import draw_scene
-from beambench.generator.gated.direct import DirectScene, gate_tables, render_direct
+from beambench.generator.gated.direct import DirectScene, render_direct
+from beambench.generator.gated.gates import gate_tables
+from beambench.generator.gated.view import view_of
 from beambench.generator.rays.returns import Returns, gather_returns, render_stack
 from beambench.generator.rays.trace import Tracer, pixel_directions
 from beambench.scenes.load import load_scene
@@ -187,7 +189,7 @@ def test_sub_pixel_rays_reach_the_error_asked_for(name: str, rtol: float) -> Non
         for part in range(4):
             rng = np.random.default_rng([seed, part])
             d = pixel_directions(scene.rig.camera, row + rng.random(row.size) - 0.5, col + rng.random(row.size) - 0.5)
-            echo = echoes(scene, tracer, d, tracer.trace((0.0, 0.0, 0.0), d))
+            echo = echoes(scene, view_of(scene), tracer, d, tracer.trace((0.0, 0.0, 0.0), d))
             owner = np.repeat(np.arange(pixels), 64)
             returns, _, _ = gather_returns(pixels, owner, echo.amplitude / 64, echo.tau, np.zeros(row.size), 1e-14)
             total += stack_of(scene, returns) / 4
@@ -332,7 +334,7 @@ def _many_rays(scene: Scene, count: int) -> Float:
     row, col = (a.ravel()[:, None] for a in np.mgrid[: camera.rows, : camera.cols])
     d_row, d_col = lattice(count)
     d = pixel_directions(camera, (row + d_row).ravel(), (col + d_col).ravel())
-    echo = echoes(scene, tracer, d, tracer.trace((0.0, 0.0, 0.0), d))
+    echo = echoes(scene, view_of(scene), tracer, d, tracer.trace((0.0, 0.0, 0.0), d))
     owner = np.repeat(np.arange(camera.rows * camera.cols), count)
     returns, _, _ = gather_returns(
         camera.rows * camera.cols, owner, echo.amplitude / count, echo.tau, np.zeros(owner.size), 5e-12

@@ -12,7 +12,7 @@ from beambench.benchmarks.fidelity.family import draw_scene, family
 from beambench.generator.gated import scatter
 from beambench.generator.gated.choose import choose
 from beambench.generator.gated.scatter_size import delay_size, outside_size
-from beambench.generator.generate import expected_electrons, slice_coordinates, slice_settings
+from beambench.generator.gated.stack import expected_electrons, slice_coordinates, slice_settings
 from beambench.generator.rays.returns import Returns, depth_of_pixels
 from beambench.generator.water.delays import Delays
 from beambench.scenes.load import load_scene

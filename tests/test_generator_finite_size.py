@@ -13,7 +13,8 @@ from beambench.generator.gated.direct import render_direct
 from beambench.generator.gated.effects import catalogue
 from beambench.generator.gated.finite_size import defocus_size, finite_size, lamp_size
 from beambench.generator.gated.full import Limits, Slices, render_remainder
-from beambench.generator.generate import expected_electrons, generate, slice_coordinates
+from beambench.generator.gated.stack import expected_electrons, slice_coordinates
+from beambench.generator.generate import generate
 from beambench.scenes.load import load_scene
 from beambench.scenes.scene import Scene
 

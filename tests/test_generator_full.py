@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from beambench.generator.gated.direct import render_direct
 from beambench.generator.gated.full import Limits, Remainder, render_remainder
-from beambench.generator.generate import expected_electrons, generate
+from beambench.generator.gated.stack import expected_electrons
+from beambench.generator.generate import generate
 from beambench.generator.rays.trace import pixel_directions
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.generator.gated.direct import gate_tables
+from beambench.generator.gated.gates import gate_tables
+from beambench.generator.gated.view import view_of
 from beambench.generator.generate import generate
 from beambench.generator.rays.returns import Returns, render_stack
 from beambench.generator.water.ramp import backscatter_electrons
@@ -44,7 +45,9 @@ def test_a_gate_that_opens_later_is_a_delay(position: list[float], forward: bool
     offset = np.linspace(-1e-9, 1e-9, 24)[None]
 
     def ramp(late: np.ndarray[Any, Any] | None, shift: float = 0.0) -> np.ndarray[Any, Any]:
-        found = backscatter_electrons(scene, phase, tables, gate, delay + shift, one, wall, late, forward=forward)
+        found = backscatter_electrons(
+            scene, view_of(scene), phase, tables, gate, delay + shift, one, wall, late, forward=forward
+        )
         return found[:, 0].astype(np.float64)
 
     for shift in (-1e-9, -0.3e-9, 0.3e-9):

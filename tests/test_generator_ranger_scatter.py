@@ -14,10 +14,9 @@ from scipy.special import expn
 
 from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, generate
-from beambench.generator.ranger.footprint import Ranger
 from beambench.generator.ranger.scatter import backscatter_ramp, forward_gain
+from beambench.generator.ranger.waveform_signal import waveform_ranger
 from beambench.generator.rays.trace import Tracer
-from beambench.generator.water.ramp import beam_edge, beam_profile
 from beambench.optics.constants import C_M_PER_S, PLANCK_J_S
 from beambench.optics.correlation import detector_response, waveforms
 from beambench.optics.water.beam import beam_halo
@@ -57,16 +56,16 @@ def made(scene: Scene, **arguments: Any) -> xr.Dataset:
 @pytest.mark.parametrize("half_angle", [2e-4, 4e-3, 0.06])
 def test_the_gain_of_forward_scattering_is_its_integral_over_angle(half_angle: float) -> None:
     scene = load_scene("counter", WATER | beam(half_angle))
-    phase, ranger, r = scene.medium.phase, Ranger.of(scene), 4.0
+    phase, ranger, r = scene.medium.phase, waveform_ranger(scene), 4.0
     assert phase is not None
     theta = np.concatenate([[0.0], np.geomspace(1e-7, 1.35, 6001)])
-    spec, field = ranger.illumination, ranger.field_rad
-    x = beam_halo(theta, lambda t: beam_profile(spec, t), beam_edge(spec), phase, 0.3 * r)
+    lamp, field = ranger.lamp, ranger.field_rad
+    x = beam_halo(theta, lamp.profile, lamp.edge_rad, phase, 0.3 * r)
     y = beam_halo(theta, np.ones_like, field, phase, 0.3 * r)
-    i, one, ring = beam_profile(spec, theta), theta <= field, 2 * np.pi * np.sin(theta)
+    i, one, ring = lamp.profile(theta), theta <= field, 2 * np.pi * np.sin(theta)
     exact = np.trapezoid((i + x) * (one + y) * ring, theta) / np.trapezoid(i * one * ring, theta)
     # Tables of the halos are right to some 1e-3 of themselves; the edge of the field falls between two nodes here.
-    assert forward_gain(scene, phase, r) == pytest.approx(exact, rel=3e-3)
+    assert forward_gain(scene, ranger, phase, r) == pytest.approx(exact, rel=3e-3)
 
 
 def test_the_gain_has_its_limits() -> None:
@@ -76,19 +75,19 @@ def test_the_gain_has_its_limits() -> None:
     both = load_scene("counter", WATER | wide | beam(0.9, "flat-top"))
     pencil = load_scene("counter", WATER | wide | beam(1e-5))
     # What stays: light that leaves the beam for a place still in it counts, on both ways; some leaves at the edges.
-    assert every**2 * 0.8 < forward_gain(both, both.medium.phase, r) < every**2  # type: ignore[arg-type]
+    assert every**2 * 0.8 < forward_gain(both, waveform_ranger(both), both.medium.phase, r) < every**2  # type: ignore[arg-type]
     # A pencil within a wide field: all light scattered forward out is still lit, and seen from everywhere.
-    assert every**2 * 0.8 < forward_gain(pencil, pencil.medium.phase, r) < every**2  # type: ignore[arg-type]
+    assert every**2 * 0.8 < forward_gain(pencil, waveform_ranger(pencil), pencil.medium.phase, r) < every**2  # type: ignore[arg-type]
     narrow = load_scene("counter", WATER | {"rig.detector.active_diameter_m": 2e-6} | beam(1e-5))
     # A pencil seen through a pinhole keeps next to nothing of what is scattered.
-    assert 1.0 < forward_gain(narrow, narrow.medium.phase, r) < 1.1  # type: ignore[arg-type]
+    assert 1.0 < forward_gain(narrow, waveform_ranger(narrow), narrow.medium.phase, r) < 1.1  # type: ignore[arg-type]
     aside = load_scene("counter", WATER | beam(1e-3, "flat-top", 0.02))
-    assert np.isinf(forward_gain(aside, aside.medium.phase, r))  # type: ignore[arg-type]
+    assert np.isinf(forward_gain(aside, waveform_ranger(aside), aside.medium.phase, r))  # type: ignore[arg-type]
 
 
 def per_joule(scene: Scene) -> float:
     """K b β̃(π) ∫_F I dΩ of a beam that lies in the field: photoelectrons per joule and metre of e^{−2cr}/r²."""
-    ranger = Ranger.of(scene)
+    ranger = waveform_ranger(scene)
     area = np.pi * ranger.receiver.aperture_diameter_m**2 / 4
     joule = area * ranger.receiver.transmission * ranger.quantum_efficiency
     back = float(phase_density(scene.medium.phase, np.pi))  # type: ignore[arg-type]
@@ -98,7 +97,8 @@ def per_joule(scene: Scene) -> float:
 def test_single_backscatter_is_the_exponential_integral() -> None:
     scene = load_scene("counter", WATER | STARE | beam(1e-3, "flat-top"))
     ramp = backscatter_ramp(
-        scene, scene.medium.phase, Tracer(scene), step_m=0.02, furthest_m=np.inf, forward=False  # type: ignore[arg-type]
+        scene, waveform_ranger(scene), scene.medium.phase, Tracer(scene), step_m=0.02, furthest_m=np.inf,  # type: ignore[arg-type]
+        forward=False,
     )  # fmt: skip
     near, k = 0.025, 2 * 0.4
     exact = per_joule(scene) * (expn(2, k * near) / near - expn(2, k * 4.0) / 4.0)
@@ -107,7 +107,9 @@ def test_single_backscatter_is_the_exponential_integral() -> None:
     index = group_index(scene.medium, 532e-9)
     assert ramp.tau.max() < 2 * index * 4.0 / C_M_PER_S, "nothing comes from behind the wall"
     # With forward scattering there is more at every range, and next to the lens as much.
-    more = backscatter_ramp(scene, scene.medium.phase, Tracer(scene), step_m=0.02, furthest_m=np.inf)  # type: ignore[arg-type]
+    more = backscatter_ramp(
+        scene, waveform_ranger(scene), scene.medium.phase, Tracer(scene), step_m=0.02, furthest_m=np.inf  # type: ignore[arg-type]
+    )  # fmt: skip
     ratio = more.amplitude[0] / ramp.amplitude[0]
     assert (np.diff(ratio) > 0).all() and 1.0 < ratio[0] < 1.03 and ratio[-1] > 1.3
 

@@ -12,11 +12,14 @@ import pytest
 import xarray as xr
 
 from beambench.captures.validate import validate
-from beambench.generator.gated.direct import gate_tables, render_direct
-from beambench.generator.gated.scatter import phase_of, render_scatter
+from beambench.generator.gated.direct import render_direct
+from beambench.generator.gated.gates import gate_tables
+from beambench.generator.gated.scatter import render_scatter
+from beambench.generator.gated.view import view_of
 from beambench.generator.generate import GenerationWarning, generate
 from beambench.generator.water.image import image_halo, pixel_shares
-from beambench.generator.water.ramp import backscatter_electrons, beam_profile, nearest_path_m
+from beambench.generator.water.phase import phase_of
+from beambench.generator.water.ramp import backscatter_electrons, nearest_path_m
 from beambench.optics import ladar
 from beambench.optics.constants import C_M_PER_S
 from beambench.optics.correlation.response import lookup
@@ -63,7 +66,16 @@ def ramp(scene: Scene, delay: Any, target: Any, forward: bool, offset: Any = Non
     delay = np.atleast_1d(np.asarray(delay, dtype=np.float64))
     gate = np.zeros(len(delay), dtype=np.int32)
     return backscatter_electrons(
-        scene, phase, gate_tables(scene), gate, delay, np.ones(len(delay)), target, offset, forward=forward
+        scene,
+        view_of(scene),
+        phase,
+        gate_tables(scene),
+        gate,
+        delay,
+        np.ones(len(delay)),
+        target,
+        offset,
+        forward=forward,
     )
 
 
@@ -154,8 +166,7 @@ def test_the_ramp_in_the_coaxial_far_field() -> None:
     """No target: single scattering through a short gate is a thin slab, through a long one an exponential integral."""
     scene = wall()
     medium = {"phase": FournierForand(1.1, 3.58), "absorption_per_m": 0.2, "scattering_per_m": 1.0}
-    spec = gated_rig(scene).laser.illumination
-    peak = float(beam_profile(spec, np.zeros(1))[0])
+    peak = float(view_of(scene).lamp.profile(np.zeros(1))[0])
     nothing = np.full((33, 33), np.nan)
     speed = C_M_PER_S / group_index(scene.medium, 532e-9)
     delay = 40e-9  # 4.4 m
@@ -191,7 +202,7 @@ def test_the_bistatic_ramp_against_quadrature_on_single_rays() -> None:
 
     def intensity(beam: Any) -> Any:
         theta = np.arctan2(np.hypot(beam[..., 0], beam[..., 1]), beam[..., 2])
-        return np.asarray(beam_profile(rig.laser.illumination, theta))
+        return np.asarray(view_of(scene).lamp.profile(theta))
 
     for row, col in ((16, 16), (5, 20), (28, 3)):
         d = pixel_directions(rig.camera, row, col)
@@ -291,7 +302,7 @@ def test_a_scattering_medium_without_phase_function_is_refused() -> None:
     silent = load_scene("flat-wall", {"medium.scattering_per_m": 0.2})
     with pytest.raises(InputError, match="phase function"):
         generate(silent, seed=1, fidelity="scatter")
-    assert nearest_path_m(gated_rig(silent)) > 0
+    assert nearest_path_m(view_of(silent)) > 0
     assert render_direct(silent, 1e-2).rays > 0
 
 

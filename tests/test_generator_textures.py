@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from beambench.generator.gated.direct import render_direct
 from beambench.generator.gated.full import Limits, Slices, render_remainder
-from beambench.generator.generate import expected_electrons, generate
+from beambench.generator.gated.stack import expected_electrons
+from beambench.generator.gated.view import view_of
+from beambench.generator.generate import generate
 from beambench.generator.paths.world import PathWorld
 from beambench.generator.rays.backend import mitsuba
 from beambench.generator.rays.echo import textured_response
@@ -89,7 +91,7 @@ def test_both_rungs_see_the_same_texture(kind: str, law: str, tmp_path: Path) ->
     wanted = textured_response(scene.target[0], a, hits.shade[mine])
     mi = mitsuba()
     d = mi.Vector3f(*(mi.Float(v) for v in direction[:, mine].astype(np.float32)))
-    world = PathWorld.of(scene)
+    world = PathWorld.of(scene, view_of(scene))
     si = world.geometry.ray_intersect(mi.Ray3f(mi.Point3f(0.0), d))
     found = np.asarray(si.bsdf().eval(mi.BSDFContext(), si, si.wi)[0].numpy(), dtype=np.float64)
     np.testing.assert_allclose(found, wanted, atol=1e-4 if kind == "sphere" else 1e-5)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from beambench.generator.bsdf.plugin import mitsuba_bsdf
 from beambench.generator.gated.full import Limits, Remainder, render_remainder
+from beambench.generator.gated.gates import gate_tables
+from beambench.generator.gated.view import view_of
 from beambench.generator.paths.single import single_electrons
 from beambench.generator.paths.world import PathWorld
 from beambench.generator.rays.backend import mitsuba
@@ -180,7 +182,9 @@ def test_near_gates_see_the_same_single_scattering(position: list[float]) -> Non
         },
     )  # fmt: skip
     slices = slices_of(scene)
-    known = single_electrons(scene, slices.gate, slices.delay_s, slices.scale, None).mean(axis=(1, 2), dtype=float)
+    known = single_electrons(
+        scene, view_of(scene), gate_tables(scene), slices.gate, slices.delay_s, slices.scale, None
+    ).mean(axis=(1, 2), dtype=float)
     traced = np.stack(
         [remainder(scene, seed, 30_000, "single").light.mean(axis=(1, 2), dtype=float) for seed in range(6)]
     )
@@ -227,7 +231,7 @@ def test_integrating_sphere() -> None:
     )  # fmt: skip
     bsdf = mitsuba_bsdf(Lambert(albedo=albedo))
     cavity = mi.load_dict({"type": "scene", "o0": {"type": "sphere", "radius": radius, "bsdf": bsdf}})
-    world = replace(PathWorld.of(scene), geometry=cavity)
+    world = replace(PathWorld.of(scene, view_of(scene)), geometry=cavity)
     runs = np.stack(
         [remainder(scene, seed, 4096, "interreflection", world=world).light[0].astype(float) for seed in range(6)]
     )
@@ -312,7 +316,7 @@ def test_against_mitransient() -> None:
     over eight slices."""
     from beambench.benchmarks.peers.mitransient_volume import mitransient_reference
     from beambench.generator.gated.direct import render_direct
-    from beambench.generator.generate import expected_electrons
+    from beambench.generator.gated.stack import expected_electrons
 
     scene = lit_wall(0.3, 0.5)
     slices = slices_of(scene)

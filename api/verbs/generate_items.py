@@ -113,32 +113,15 @@ def check_items(items: Sequence[Item]) -> None:
     Raises:
         InputError: an impossible rung, rtol or combination, or a capture larger than the memory.
     """
+    from ..generator.checked import checked
     from ..scenes.scene import sizes_of
 
     for item in items:
         where = item.scene.name
-        if item.fidelity not in ("direct", "scatter", "full", "auto"):
-            raise InputError(
-                "There is no such rung.", where="--fidelity", value=item.fidelity, allowed="direct, scatter, full, auto"
-            )
-        if item.rtol == "noise":
-            if item.fidelity != "auto":
-                raise InputError(
-                    "Only the choice of a rung goes by noise.", where="--rtol", value="noise", allowed="1e-6 … 0.5",
-                    next_step="add --fidelity auto",
-                )  # fmt: skip
-        elif isinstance(item.rtol, bool) or not isinstance(item.rtol, float | int) or not 1e-6 <= item.rtol <= 0.5:
-            raise InputError("rtol is a fraction.", where="--rtol", value=item.rtol, allowed="1e-6 … 0.5")
-        if item.fidelity == "full" and item.scene.modality != "gated":
-            raise InputError(
-                "This rung is built for gated scenes only.", where=f"{where}: --fidelity", value="full",
-                allowed='"direct", "scatter", "auto"',
-            )  # fmt: skip
-        if item.truth_components and (item.fidelity != "full" or item.scene.modality != "gated"):
-            raise InputError(
-                "Light is kept apart by the full rung of gated scenes only.", where=f"{where}: --truth-components",
-                value=item.fidelity, next_step='fidelity="full"',
-            )  # fmt: skip
+        checked(
+            item.scene, seed=item.seed, capture_key=item.key or 0, fidelity=item.fidelity, rtol=item.rtol,
+            truth_electrons=item.truth_electrons, truth_components=item.truth_components, name=_option,
+        )  # fmt: skip
         slices, rows, cols = sizes_of(item.scene)
         needed = slices * (rows * cols * _BYTES_PER_SAMPLE + _BYTES_PER_SLICE)
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -150,6 +133,11 @@ def check_items(items: Sequence[Item]) -> None:
                 allowed=f"{memory / 2**30:.3g} GiB",
                 next_step="fewer delays, repeats, rows or columns, e.g. --set rig.delays.count=64",
             )
+
+
+def _option(argument: str) -> str:
+    """What the command line calls an argument."""
+    return "--" + argument.replace("_", "-")
 
 
 def planned(item: Item, name: str = "") -> dict[str, Any]:
@@ -187,7 +175,7 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
             return "its scene has the same name and other values"
         if "files" in provenance and provenance["files"] != source_files(scene):
             return "a mesh, grid or texture of its scene has changed since"
-        # Rangers record the rung that "auto" took, gated scenes "auto" itself.
+        # Earlier captures of rangers recorded the rung that "auto" took, all others "auto" itself.
         rung, rtol = arguments["fidelity"], arguments["rtol"]
         same_rung = rung == item.fidelity and rtol == item.rtol
         if not same_rung and not (item.fidelity == "auto" and chosen and rung != "auto"):

@@ -21,12 +21,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...generator.gated.choose import RUNG_SHARE, Rtol, choose
+from ...generator.choice import RUNG_SHARE, Rtol
+from ...generator.gated.choose import choose
 from ...generator.gated.direct import DirectScene, render_direct
 from ...generator.gated.error import replicate_error, stack_error, task_error
-from ...generator.gated.full import SAMPLING, Limits, Slices, gate_offset, render_remainder
+from ...generator.gated.full import SAMPLING, Limits, Slices, render_remainder
+from ...generator.gated.gates import gate_offset
 from ...generator.gated.scatter import render_scatter, scattered_electrons
-from ...generator.generate import expected_electrons, slice_coordinates, slice_settings
+from ...generator.gated.stack import expected_electrons, slice_coordinates, slice_settings
+from ...generator.gated.view import view_of
 from ...generator.paths.world import PathWorld
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
@@ -56,7 +59,7 @@ class SceneRungs:
         delay, energy = slice_settings(scene, self.coords, 0, 0)
         self.settings = (delay, energy)
         self.slices = Slices(delay, energy, self.coords["gate"], gate_offset(scene))
-        self.world = PathWorld.of(scene)
+        self.world = PathWorld.of(scene, view_of(scene))
         _, self.ambient = expected_electrons(scene, render_direct(scene, 0.1), self.coords, 0, 0)
 
     def _stack(self, direct: DirectScene) -> Stack:

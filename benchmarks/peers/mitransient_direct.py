@@ -27,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from ...generator.gated.direct import gate_tables, render_direct, response_width_s
+from ...generator.gated.direct import render_direct
+from ...generator.gated.gates import gate_tables, response_width_s
 from ...generator.rays.backend import mitsuba
 from ...generator.rays.returns import render_stack
 from ...generator.rays.trace import Tracer

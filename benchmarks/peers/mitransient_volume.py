@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...generator.bsdf.plugin import mitsuba_bsdf
-from ...generator.gated.direct import gate_tables, response_width_s
 from ...generator.gated.full import Slices
+from ...generator.gated.gates import gate_tables, response_width_s
 from ...generator.rays.backend import mitsuba
 from ...generator.rays.trace import pixel_directions
 from ...optics.constants import C_M_PER_S

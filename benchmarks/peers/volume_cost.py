@@ -26,9 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...generator.gated.direct import render_direct
-from ...generator.gated.full import Limits, Slices, gate_offset, render_remainder
+from ...generator.gated.full import Limits, Slices, render_remainder
+from ...generator.gated.gates import gate_offset
 from ...generator.gated.scatter import render_scatter, scattered_electrons
-from ...generator.generate import expected_electrons, slice_coordinates, slice_settings
+from ...generator.gated.stack import expected_electrons, slice_coordinates, slice_settings
+from ...generator.gated.view import view_of
 from ...generator.paths.world import PathWorld
 from ...scenes.load import load_scene
 from ...scenes.scene import Scene
@@ -86,7 +88,7 @@ class _Rungs:
         self.scene, self.coords = scene, slice_coordinates(scene)
         self.settings = slice_settings(scene, self.coords, 0, 0)
         self.slices = Slices(*self.settings, self.coords["gate"], gate_offset(scene))
-        self.world = PathWorld.of(scene)
+        self.world = PathWorld.of(scene, view_of(scene))
 
     def direct(self, rtol: float) -> Stack:
         return self._signal(render_direct(self.scene, rtol))

@@ -1,4 +1,4 @@
-"""The seed's Eq. 4 for Mitsuba: the law of `optics.brdf_chua` in its three conventions.
+"""Guo et al. 2017, Eq. 4, for Mitsuba: the law of `optics.reflection.chua` in its three conventions.
 
 "reciprocal" is the physical one. The other two are laws of the angle of incidence alone, whatever the eye's direction,
 as in `optics`: they nest with the direct rung, and are not reciprocal.
@@ -9,9 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .lobes import cosine_direction, facet_density, facet_direction, opaque, reflect
+from ...scenes.materials import Chua
+from ..rays.backend import opaque
+from .lobes import cosine_direction, facet_density, facet_direction, reflect
 
-__all__ = ["ChuaLaw"]
+__all__ = ["ChuaLaw", "chua_law"]
+
+
+def chua_law(material: Chua) -> ChuaLaw:
+    """The law of a material."""
+    return ChuaLaw.of(material.k_s, material.k_d, material.slope, material.diffusivity, material.convention)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Cook-Torrance for Mitsuba: the law of `optics.brdf_cook_torrance`.
+"""Cook-Torrance for Mitsuba: the law of `optics.reflection.cook_torrance`.
 
 Not Mitsuba's `roughconductor`: that takes Fresnel from a complex index and masking from a fitted polynomial, so the
 rungs of the ladder would differ by their models and not by what they neglect.
@@ -9,9 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .lobes import cosine_direction, facet_density, facet_direction, opaque, reflect
+from ...scenes.materials import CookTorrance
+from ..rays.backend import opaque
+from .lobes import cosine_direction, facet_density, facet_direction, reflect
 
-__all__ = ["CookTorranceLaw"]
+__all__ = ["CookTorranceLaw", "cook_torrance_law"]
+
+
+def cook_torrance_law(material: CookTorrance) -> CookTorranceLaw:
+    """The law of a material."""
+    return CookTorranceLaw.of(material.diffuse_albedo, material.f0, material.roughness, material.distribution)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,7 @@ from typing import Any
 
 from ..rays.backend import mitsuba
 
-__all__ = ["cosine_direction", "facet_density", "facet_direction", "opaque", "reflect"]
-
-
-def opaque(value: float) -> Any:
-    """A number that compiled kernels take as data, so that another value does not compile them anew."""
-    import drjit as dr
-
-    return dr.opaque(mitsuba().Float, value)
+__all__ = ["cosine_direction", "facet_density", "facet_direction", "reflect"]
 
 
 def cosine_direction(point: Any) -> Any:

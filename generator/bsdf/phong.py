@@ -1,14 +1,20 @@
-"""Normalised Phong for Mitsuba: the law of `optics.brdf_phong`."""
+"""Normalised Phong for Mitsuba: the law of `optics.reflection.phong`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from ..rays.backend import mitsuba
-from .lobes import cosine_direction, opaque
+from ...scenes.materials import Phong
+from ..rays.backend import mitsuba, opaque
+from .lobes import cosine_direction
 
-__all__ = ["PhongLaw"]
+__all__ = ["PhongLaw", "phong_law"]
+
+
+def phong_law(material: Phong) -> PhongLaw:
+    """The law of a material."""
+    return PhongLaw.of(material.diffuse_albedo, material.specular_albedo, material.exponent)
 
 
 @dataclass(frozen=True)

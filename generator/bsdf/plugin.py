@@ -1,4 +1,4 @@
-"""Our reflection laws as Mitsuba BSDF plugins: one plugin around any law, and the law of each material.
+"""Reflection laws as Mitsuba BSDFs: one plugin around any law.
 
 Mitsuba's `wi` points along the traced path (to the camera) and `wo` is what it samples (to the light): the reverse of
 `optics`. So a plugin's eval(wi, wo) = f·cosθo is the response of `optics` with light from wo seen from wi.
@@ -7,41 +7,15 @@ Mitsuba's `wi` points along the traced path (to the camera) and `wo` is what it 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
-from ...scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
+from ...scenes.materials import Material
 from ..rays.backend import mitsuba
-from .chua import ChuaLaw
-from .cook_torrance import CookTorranceLaw
-from .phong import PhongLaw
+from .law import Law
+from .laws import law_of
 from .texture import Shade
 
-__all__ = ["Law", "law_of", "mitsuba_bsdf"]
-
-
-class Law(Protocol):
-    """An isotropic reflection law in the local frame (normal along z), for wi.z > 0 and wo.z > 0."""
-
-    def response(self, wi: Any, wo: Any, shade: Any = 1.0) -> Any:
-        """f(wi, wo)·cosθo [1/sr], its diffuse part times `shade`."""
-
-    def sample(self, wi: Any, choice: Any, point: Any) -> Any:
-        """A direction wo from one and two uniform numbers; it may lie below the surface, and then carries nothing."""
-
-    def density(self, wi: Any, wo: Any) -> Any:
-        """Probability density of `sample` [1/sr]."""
-
-
-def law_of(material: Material) -> Law:
-    """The law of a material. Lambert is Phong's law without a lobe."""
-    if isinstance(material, Lambert):
-        return PhongLaw.of(material.albedo, 0.0, 0.0)
-    if isinstance(material, Phong):
-        return PhongLaw.of(material.diffuse_albedo, material.specular_albedo, material.exponent)
-    if isinstance(material, CookTorrance):
-        return CookTorranceLaw.of(material.diffuse_albedo, material.f0, material.roughness, material.distribution)
-    assert isinstance(material, Chua)
-    return ChuaLaw.of(material.k_s, material.k_d, material.slope, material.diffusivity, material.convention)
+__all__ = ["mitsuba_bsdf"]
 
 
 def mitsuba_bsdf(material: Material, shade: Shade | None = None) -> Any:

@@ -3,35 +3,28 @@
 Each rung's error for this scene and rig is predicted before rendering: zero in closed form where nothing can be left out,
 else by a pilot, the full rung at low resolution with the same field of view. The error is that of the fidelity rule,
 ε² = Σ(X − R₁)(X − R₂)/ΣR₁R₂, with two independent halves of the pilot as R₁ and R₂: the pilot's own noise drops out, and
-paths are added until the interval of every cheaper rung's error lies on one side of the limit. One-detector rangers, whose
-receiver sees little of the halo, are judged by closed forms (`choose_ranger`).
+paths are added until the interval of every cheaper rung's error lies on one side of the limit.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
-from typing import Any, Literal
 
 import numpy as np
 
 from ...scenes.errors import InputError
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
-from .effects import interreflection
-from .error import relative_noise, stack_error
+from ..choice import Choice, Rtol, Rung, chosen
+from ..effect import interreflection
+from .direct import render_direct
+from .error import relative_noise
+from .finite_size import finite_size, is_finite
 from .full import SAMPLING
 from .pilot import Pilot, Traced, cheap_stacks, pilot_scene
 
-__all__ = ["RUNG_SHARE", "Choice", "Rtol", "choose", "pilot_scene", "stack_error"]
+__all__ = ["choose"]
 
-Rtol = float | Literal["noise"]
-Rung = Literal["direct", "scatter", "full"]
-
-#: Share of the limit that a rung's sampling may take: what it leaves out adds to it. The full rung leaves out nothing, and
-#: shares its rtol between rays and paths itself (`SAMPLING`).
-RUNG_SHARE: dict[str, float] = {"direct": 0.3, "scatter": 0.3, "full": 1.0}
-#: What `generate` multiplies `Choice.rtol` by.
-_GENERATE_SHARE: dict[str, float] = {"direct": 0.5, "scatter": 0.5, "full": 1.0}
+#: Rungs below the full one, from the cheapest.
+_CHEAPER: tuple[Rung, ...] = ("direct", "scatter")
 #: A rung whose interval still holds the limit when the paths are used up passes below this share of it.
 _MARGIN = 0.85
 #: Bias of the answer that passes where the limit is the noise, the share of it that a prediction may take, and the share of the
@@ -39,28 +32,6 @@ _MARGIN = 0.85
 _TASK_LIMIT = 0.1
 _TASK_MARGIN = 0.8
 _NOISE_SHARE = 0.06
-
-
-@dataclass(frozen=True)
-class Choice:
-    """`rung`: the cheapest whose predicted error passes; `rtol`: what `generate` renders it to; `predicted`: error of
-    every rung that was considered, relative to the stack; `limit`: what they were held against, and `sampled`: the limit that the
-    rung's sampling goes by; `basis`: how they were found; `sizes`: predicted relative size of effects by their names in the
-    catalogue; `task`: predicted task errors in units of the bound, where the limit is the noise."""
-
-    rung: Rung
-    rtol: float
-    predicted: dict[str, float]
-    limit: float
-    basis: str
-    sizes: dict[str, float]
-    sampled: float
-    task: dict[str, float] = field(default_factory=dict)
-
-    def record(self) -> dict[str, Any]:
-        """What the capture keeps of the choice."""
-        told = {"predicted_error": self.predicted, "limit": self.limit, "basis": self.basis}
-        return told | ({"predicted_task_error": self.task} if self.task else {})
 
 
 def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
@@ -73,24 +44,20 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
         seed, capture_key: name the pilot's random numbers.
 
     Raises:
-        InputError: as the full rung does; a medium that scatters needs a phase function; a rig whose stress only the direct
-            rung models, or a ranger, that needs more than the rungs it has.
+        InputError: as the full rung does; a medium that scatters needs a phase function; a rig that only the direct rung
+            models and that needs more.
     """
-    if scene.modality != "gated":
-        from ..ranger.choose import choose_ranger
-
-        return choose_ranger(scene, rtol)
     size, basis = interreflection(scene)
     finite, how = _finite(scene)
     if scene.medium.scattering_per_m == 0 and size == 0.0 and finite > 0.0:
         return _by_size(scene, rtol, finite, how)
     if scene.medium.scattering_per_m == 0 and size == 0.0:
         if isinstance(rtol, float):
-            return _chosen("direct", {"direct": 0.0}, rtol, rtol, basis, {"interreflection": 0.0}, {})
+            return chosen("direct", {"direct": 0.0}, rtol, rtol, basis, {"interreflection": 0.0}, {})
         light = cheap_stacks(pilot_scene(scene))["direct"].astype(float)
         area = gated_rig(pilot_scene(scene)).camera.pixel_pitch_m / gated_rig(scene).camera.pixel_pitch_m
         limit = relative_noise(scene, light / area**2)
-        return _chosen(
+        return chosen(
             "direct", {"direct": 0.0}, limit, _NOISE_SHARE * limit, basis, {"interreflection": 0.0}, {"direct": 0.0}
         )
     pilot = Pilot(scene, seed, capture_key, finite)
@@ -98,25 +65,22 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
     noise = rtol == "noise"
     sampled = max(_NOISE_SHARE * limit, 5e-4) if noise else limit
     predicted = {name: error for name, (error, _, _) in traced.errors.items()}
-    # The full rung is traced until its error is what was asked for, or its paths are used up.
+    # The full rung is traced until its error meets the limit, or its paths are used up.
     predicted["full"] = max(SAMPLING * sampled, traced.full)
-    passing = [name for name in traced.errors if _passes(traced, name, limit, noise)]
-    rung = passing[0] if passing else "full"
+    passing = [name for name in _CHEAPER if name in traced.errors and _passes(traced, name, limit, noise)]
+    rung: Rung = passing[0] if passing else "full"
     if not passing and predicted["full"] > limit:
         # Where the tracer cannot reach the limit either, the rung nearest to it is taken.
-        rung = min(predicted, key=lambda name: predicted[name])
+        rung = min((*_CHEAPER, "full"), key=lambda name: predicted.get(name, np.inf))
     _only_direct(scene, rung, predicted, limit)
     sizes = _sizes(pilot, traced, size, 0.3 * limit)
     used = f"pilot of {pilot.shape[0]}×{pilot.shape[1]} pixels, {traced.paths} paths each"
     used += f"; {how}" if finite else ""
-    return _chosen(rung, predicted, limit, sampled, used, sizes, traced.task if noise else {})
+    return chosen(rung, predicted, limit, sampled, used, sizes, traced.task if noise else {})
 
 
 def _finite(scene: Scene) -> tuple[float, str]:
     """What finite lens and lamp change of the direct light at full resolution, and how that was found."""
-    from .direct import render_direct
-    from .finite_size import finite_size, is_finite
-
     return finite_size(scene, render_direct(scene, 1e-2)) if is_finite(scene) else (0.0, "")
 
 
@@ -128,11 +92,11 @@ def _by_size(scene: Scene, rtol: Rtol, finite: float, how: str) -> Choice:
     limit = relative_noise(scene, light / area**2) if rtol == "noise" else float(rtol)
     task = {"direct": finite / limit * float(np.sqrt(len(light))), "full": 0.0} if rtol == "noise" else {}
     passes = finite <= _MARGIN * limit and task.get("direct", 0.0) <= _TASK_MARGIN * _TASK_LIMIT
-    rung = "direct" if passes else "full"
+    rung: Rung = "direct" if passes else "full"
     sampled = max(_NOISE_SHARE * limit, 5e-4) if rtol == "noise" else limit
     predicted = {"direct": finite, "full": SAMPLING * sampled}
     _only_direct(scene, rung, predicted, limit)
-    return _chosen(rung, predicted, limit, sampled, how, {"interreflection": 0.0}, task)
+    return chosen(rung, predicted, limit, sampled, how, {"interreflection": 0.0}, task)
 
 
 def _enough(pilot: Pilot, rtol: Rtol) -> tuple[Traced, float]:
@@ -183,13 +147,5 @@ def _only_direct(scene: Scene, rung: str, predicted: dict[str, float], limit: fl
         raise InputError(
             f"This is modelled by the direct rung only, whose error of {predicted['direct']:.2g} is above the limit of "
             f"{limit:.2g}.",
-            where=f"{scene.name}: rig.{given[0]}", value=rung, next_step='raise rtol, or ask for fidelity="direct"',
+            where=f"{scene.name}: rig.{given[0]}", value=rung, next_step='raise rtol, or give fidelity="direct"',
         )  # fmt: skip
-
-
-def _chosen(
-    rung: Any, predicted: dict[str, float], limit: float, sampled: float, basis: str, sizes: dict[str, float],
-    task: dict[str, float],
-) -> Choice:  # fmt: skip
-    rtol = sampled * RUNG_SHARE[rung] / _GENERATE_SHARE[rung]
-    return Choice(rung, min(max(rtol, 1e-6), 0.5), predicted, limit, basis, sizes, sampled, task)

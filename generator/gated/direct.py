@@ -2,14 +2,14 @@
 
 Returns the echoes of every pixel (`Returns`) and the truth; the stack follows by `render_stack`.
 
-Neighbouring centre rays tell where one ray is not enough. What recurs in every pixel (slats, a net, fine texture) they do not
-see; so some pixels that look smooth are asked with several rays too, and where those disagree all pixels get more. The limit of
-that: structure smaller than a pixel that few pixels hold, and that no centre ray near it meets, is missed.
+Neighbouring centre rays show where one ray is not enough. They miss what recurs in every pixel (slats, a net, fine texture); so
+some pixels that look smooth are probed with several rays too, and where those disagree all pixels get more. The limit of
+that: structure smaller than a pixel that only few pixels hold, and that no centre ray near it meets, is missed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
@@ -17,19 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.constants import C_M_PER_S
-from ...optics.correlation import waveforms
-from ...optics.correlation.response import Table, correlation_support, lookup
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
-from ...scenes.sampling import optics_gate, optics_pulse, response_table
 from ...scenes.scene import Scene
-from ..rays.echo import Echoes, albedo_at_normal, echoes, without_diffuse
+from ..rays.echo import Echoes, Halo, echoes
+from ..rays.lamp import Lamp
 from ..rays.returns import Returns, gather_returns
-from ..rays.subsampling import centre_error, lattice, plan, stack_power
+from ..rays.subsampling import SubsamplePlan, centre_error, lattice, plan, stack_power
 from ..rays.trace import Hits, Tracer, pixel_directions
+from ..rays.view import View
+from .gates import gate_tables, response_width_s
 from .slice_view import slice_view
+from .view import view_of
 
-__all__ = ["MIXED_FRACTION", "DirectScene", "gate_tables", "render_direct", "response_width_s"]
+__all__ = ["MIXED_FRACTION", "DirectScene", "render_direct"]
 
 Float = NDArray[np.float64]
 Rays = TypeVar("Rays", Hits, Echoes)
@@ -38,12 +39,10 @@ Rays = TypeVar("Rays", Hits, Echoes)
 _MERGE_SIGMAS = 0.25
 #: The contract: a pixel is mixed where its sub-samples span over this fraction of R's full width at half maximum.
 MIXED_FRACTION = 0.05
-#: One pixel in so many is asked with several rays; rays for each, and by how much these may disagree with its centre.
+#: One pixel in so many is probed with several rays; rays for each, and by how much these may disagree with its centre.
 _PIXELS_PER_PROBE = 32
 _PROBE_RAYS = 9
 _PROBE_SLACK = 4.0
-#: Accuracy of the tabulated R, relative to its peak.
-_TABLE_RTOL = 1e-5
 
 
 @dataclass(frozen=True)
@@ -55,129 +54,145 @@ class DirectScene:
     rays: int
 
 
-def gate_tables(scene: Scene) -> list[Table]:
-    """R(u) of every gate, with the pulse broadened by the jitter of single shots."""
-    laser = gated_rig(scene).laser
-    pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_shot_s)
-    gates = enumerate(gated_rig(scene).gates)
-    return [response_table(pulse, optics_gate(g), _TABLE_RTOL, f"{scene.name}: rig.gates.{i}") for i, g in gates]
+@dataclass(frozen=True, eq=False)
+class _Image:
+    """Rays through the centres of an image's pixels and of one ring around it, which tells of edges in the outermost pixels:
+    their `direction` (3, n), `hits` and `echo`, flat over `ring` = (rows + 2, cols + 2). `probed`: flat pixels with several
+    rays each, and the echoes of these, `probes` (pixel, ray) flat."""
+
+    direction: Float
+    hits: Hits
+    echo: Echoes
+    ring: tuple[int, int]
+    probed: NDArray[np.int64]
+    probes: Echoes
+
+    def shaped(self, value: Float) -> Float:
+        """A value of the centre rays as (rows + 2, cols + 2)."""
+        return value.reshape(self.ring)
 
 
-def response_width_s(scene: Scene) -> tuple[float, float]:
-    """(σ, full width at half maximum) of R(u) of the first gate [s]."""
-    pulse = waveforms.broadened(optics_pulse(gated_rig(scene).laser.pulse), gated_rig(scene).laser.jitter_shot_s)
-    gate = optics_gate(gated_rig(scene).gates[0])
-    u = np.linspace(*correlation_support(pulse, gate), 4001)
-    r = lookup(response_table(pulse, gate, 1e-4, f"{scene.name}: rig.gates.0"), u)
-    mean = float((u * r).sum() / r.sum())
-    sigma = float(np.sqrt(((u - mean) ** 2 * r).sum() / r.sum()))
-    above = u[r >= r.max() / 2]
-    return sigma, float(above[-1] - above[0])
+def _image(scene: Scene, view: View[Lamp], tracer: Tracer, halo: Halo | None) -> _Image:
+    rows, cols = view.camera.rows, view.camera.cols
+    ring = (rows + 2, cols + 2)
+    wide_row, wide_col = (a.ravel() - 1 for a in np.mgrid[: ring[0], : ring[1]])
+    probed = _probed(rows * cols)
+    near_row, near_col = (
+        (at[:, None] + d).ravel() for at, d in zip(np.divmod(probed, cols), lattice(_PROBE_RAYS), strict=True)
+    )
+    direction = pixel_directions(
+        view.camera, np.concatenate([wide_row, near_row]), np.concatenate([wide_col, near_col])
+    )
+    hits = tracer.trace((0.0, 0.0, 0.0), direction)
+    echo = echoes(scene, view, tracer, direction, hits, halo)
+    count = wide_row.size
+    return _Image(
+        direction[:, :count], _cut(hits, slice(count)), _cut(echo, slice(count)), ring, probed,
+        _cut(echo, slice(count, None)),
+    )  # fmt: skip
 
 
 def render_direct(
     scene: Scene,
     rtol: float,
     tracer: Tracer | None = None,
-    halo: Callable[[Float, Float], Float] | None = None,
+    halo: Halo | None = None,
     *,
     with_truth: bool = True,
 ) -> DirectScene:
     """Trace the scene and gather its echoes.
 
     Main arguments:
-        scene: what is there.
+        scene: target, medium and rig.
         rtol: relative error ε of the stack aimed at by the sub-pixel sampling.
     Other arguments:
         tracer: reuse an earlier one (same target).
         halo: intensity added to the beam's own, as in `echoes`.
         with_truth: also gather the truth; without it `truth` is empty.
     """
-    tracer = tracer or Tracer(scene)
-    camera = gated_rig(scene).camera
-    rows, cols = camera.rows, camera.cols
+    tracer, view = tracer or Tracer(scene), view_of(scene)
+    rows, cols = view.camera.rows, view.camera.cols
     sigma, fwhm = response_width_s(scene)
-    # One ring of rays around the image tells of edges in its outermost pixels.
-    ring = (rows + 2, cols + 2)
-    wide_row, wide_col = (a.ravel() - 1 for a in np.mgrid[: ring[0], : ring[1]])
-    row, col = (a.ravel() for a in np.mgrid[:rows, :cols])
-    probed = _probed(rows * cols)
-    d_row, d_col = lattice(_PROBE_RAYS)
-    near_row, near_col = ((at[probed, None] + d).ravel() for at, d in ((row, d_row), (col, d_col)))
-    direction = pixel_directions(camera, np.concatenate([wide_row, near_row]), np.concatenate([wide_col, near_col]))
-    hits = tracer.trace((0.0, 0.0, 0.0), direction)
-    echo = echoes(scene, tracer, direction, hits, halo)
-    count = wide_row.size
-    probes = _cut(echo, slice(count, None))
-    direction, hits, echo = direction[:, :count], _cut(hits, slice(count)), _cut(echo, slice(count))
+    image = _image(scene, view, tracer, halo)
+    echo, inner = image.echo, (slice(1, -1), slice(1, -1))
     amplitude, tau, per_row, per_col = (
-        a.reshape(ring) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
+        image.shaped(a) for a in (echo.amplitude, echo.tau, echo.tau_per_row, echo.tau_per_col)
     )
     shown, weight = slice_view(scene, gate_tables(scene), sigma, tau)
     error, bright, shift, spread = centre_error(amplitude, tau, per_row, per_col, sigma, weight)
-    inside = (row[probed] + 1, col[probed] + 1)
-    plane = tau[inside][:, None] + per_row[inside][:, None] * d_row + per_col[inside][:, None] * d_col
-    late = np.abs(probes.tau.reshape(plane.shape) - plane) / sigma
-    light_near = probes.amplitude.reshape(plane.shape)
-    recurs = _recurring_error(
-        error.ravel()[probed], bright.ravel()[probed] > 0.0, amplitude[inside], light_near, late, rtol
-    )
+    recurs = _recurring_error(image, error.ravel(), bright.ravel() > 0.0, sigma, rtol)
     if recurs > 0.0:
         error = np.maximum(error, recurs)
+    groups = plan(error, bright, stack_power(error, (amplitude * shown)[inner]), rtol)
+    owner, light, when, width = _sub_pixel_echoes(scene, view, tracer, halo, groups)
     single = np.ones(rows * cols, dtype=bool)
-    parts: list[tuple[Any, ...]] = []
-    rays = rows * cols
-    inner = (slice(1, -1), slice(1, -1))
-    for group in plan(error, bright, stack_power(error, (amplitude * shown)[inner]), rtol):
-        n = group.n
+    for group in groups:
         single[group.pixel] = False
-        d_row, d_col = lattice(n * n)
-        sub_row = (row[group.pixel, None] + d_row).ravel()
-        sub_col = (col[group.pixel, None] + d_col).ravel()
-        sub_direction = pixel_directions(camera, sub_row, sub_col)
-        sub_hits = tracer.trace((0.0, 0.0, 0.0), sub_direction)
-        sub = echoes(scene, tracer, sub_direction, sub_hits, halo)
-        sub_spread = np.sqrt((sub.tau_per_row**2 + sub.tau_per_col**2) / 12.0) / n
-        parts.append((np.repeat(group.pixel, n * n), sub.amplitude / (n * n), sub.tau, sub_spread))
-        rays += len(sub_row)
-    empty = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-    owner, light, when, width = (np.concatenate([p[i] for p in parts or [empty]]) for i in (0, 1, 2, 3))
     alone = (single, amplitude[inner].ravel(), (tau[inner] + shift).ravel(), spread.ravel())
     returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma, alone)
+    rays = rows * cols + len(owner)
     if not with_truth:
         return DirectScene(returns, {}, rays)
-    image = (_cropped(direction, ring), _inner(hits, ring), _inner(echo, ring))
-    truth = _truth(scene, *image, returns, first, last, fwhm)
+    centre = (_cropped(image.direction, image.ring), _inner(image.hits, image.ring), _inner(echo, image.ring))
+    truth = _truth(scene, *centre, returns, first, last, fwhm)
     return DirectScene(returns, {name: _shaped(value, (rows, cols)) for name, value in truth.items()}, rays)
 
 
+def _sub_pixel_echoes(
+    scene: Scene, view: View[Lamp], tracer: Tracer, halo: Halo | None, groups: Sequence[SubsamplePlan]
+) -> tuple[NDArray[np.int64], Float, Float, Float]:
+    """(flat pixel, amplitude, time, its spread) of the rays of all pixels that need more than one."""
+    parts: list[tuple[Any, ...]] = [(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))]
+    for group in groups:
+        n = group.n
+        row, col = (
+            (at[:, None] + d).ravel()
+            for at, d in zip(np.divmod(group.pixel, view.camera.cols), lattice(n * n), strict=True)
+        )
+        direction = pixel_directions(view.camera, row, col)
+        echo = echoes(scene, view, tracer, direction, tracer.trace((0.0, 0.0, 0.0), direction), halo)
+        spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0) / n
+        parts.append((np.repeat(group.pixel, n * n), echo.amplitude / (n * n), echo.tau, spread))
+    owner, light, when, width = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return owner, light, when, width
+
+
 def _probed(pixels: int) -> NDArray[np.int64]:
-    """Pixels that are asked with several rays, even over the image: a golden-ratio lattice meets no pattern's period."""
+    """Flat pixels that are probed with several rays, even over the image: a golden-ratio lattice meets no pattern's period."""
     count = int(np.clip(pixels // _PIXELS_PER_PROBE, 16, 192))
     return ((np.arange(count) + 0.5) * 0.6180339887498949 % 1.0 * pixels).astype(np.int64)
 
 
-def _recurring_error(
-    predicted: Float, lit: NDArray[np.bool_], centre: Float, light: Float, late: Float, rtol: float
-) -> float:
+def _recurring_error(image: _Image, error: Float, lit: NDArray[np.bool_], sigma_s: float, rtol: float) -> float:
     """Error of the centre ray alone by what recurs in all pixels, unseen by it: 0 where several rays agree with it.
 
-    Main arguments, of probed pixels:
-        predicted: error by `centre_error`; lit: light in it or beside it; centre: amplitude of the centre ray.
-        light, late (pixel, ray): amplitude of the rays, and how far their times are from the centre's tangent plane, in σ.
+    Main arguments, of flat pixels:
+        error: by `centre_error`; lit: whether there is light in the pixel or beside it.
+        sigma_s: σ of R.
 
-    Pixels that look smooth are judged: those of which one ray is predicted to be enough, and the smoothest quarter.
+    Pixels that look smooth are judged: those for which one ray is predicted to be enough, and the smoothest quarter.
     """
+    d_row, d_col = lattice(_PROBE_RAYS)
+    row, col = np.divmod(image.probed, image.ring[1] - 2)
+    inside = (row + 1, col + 1)
+    tau, per_row, per_col, centre = (
+        image.shaped(a)[inside][:, None]
+        for a in (image.echo.tau, image.echo.tau_per_row, image.echo.tau_per_col, image.echo.amplitude)
+    )
+    plane = tau + per_row * d_row + per_col * d_col
+    late = np.abs(image.probes.tau.reshape(plane.shape) - plane) / sigma_s
+    light = image.probes.amplitude.reshape(plane.shape)
+    predicted, lit = error[image.probed], lit[image.probed]
     if not lit.any():
         return 0.0
-    mine = lit & (predicted <= max(rtol, float(np.quantile(predicted[lit], 0.25))))
-    light, centre = light[mine], centre[mine, None]
+    smooth = lit & (predicted <= max(rtol, float(np.quantile(predicted[lit], 0.25))))
+    light, centre = light[smooth], centre[smooth]
     both = (light > 0.0) & (centre > 0.0)
-    moved = np.where(both, light * np.minimum(np.where(both, late[mine], 0.0), 1.0), 0.0).mean(axis=1)
+    moved = np.where(both, light * np.minimum(np.where(both, late[smooth], 0.0), 1.0), 0.0).mean(axis=1)
     brightest = np.maximum(np.maximum(light.max(axis=1), centre[:, 0]), 1e-300)
-    found = np.maximum(np.abs(light.mean(axis=1) - centre[:, 0]), moved) / brightest
-    measured = float(np.sqrt(np.mean(np.minimum(found, 1.0) ** 2)))
-    allowed = _PROBE_SLACK * max(rtol, float(np.sqrt(np.mean(predicted[mine] ** 2))))
+    change = np.maximum(np.abs(light.mean(axis=1) - centre[:, 0]), moved) / brightest
+    measured = float(np.sqrt(np.mean(np.minimum(change, 1.0) ** 2)))
+    allowed = _PROBE_SLACK * max(rtol, float(np.sqrt(np.mean(predicted[smooth] ** 2))))
     return measured if measured > allowed else 0.0
 
 
@@ -201,10 +216,10 @@ def _shaped(value: Any, shape: tuple[int, int]) -> Any:
 
 def _albedo(scene: Scene, hits: Hits) -> Float:
     """Hemispherical albedo at normal incidence of what each ray hits, texture included; NaN where it hits nothing."""
-    whole = np.array([*(albedo_at_normal(item.material) for item in scene.target), np.nan])[hits.target]
+    whole = np.array([*(item.material.albedo_at_normal() for item in scene.target), np.nan])[hits.target]
     if not any(item.texture for item in scene.target):
         return whole
-    gloss = [albedo_at_normal(without_diffuse(i.material) if i.texture else i.material) for i in scene.target]
+    gloss = [(i.material.without_diffuse() if i.texture else i.material).albedo_at_normal() for i in scene.target]
     bare = np.array([*gloss, np.nan])[hits.target]
     return np.asarray(bare + hits.shade * (whole - bare))
 

@@ -5,30 +5,25 @@ Sizes are relative to the signal, by closed forms; None where no bound is known 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
-from ...scenes.shapes import Rectangle, Sphere
-from ..rays.echo import albedo_at_normal
+from ..effect import Effect, effect, interreflection
 from ..rays.returns import depth_of_pixels
+from . import scatter_size
 from .direct import DirectScene
 from .finite_size import finite_size
 
-__all__ = ["catalogue", "interreflection"]
+__all__ = ["catalogue"]
 
 
-def catalogue(scene: Scene, direct: DirectScene, rung: str = "direct") -> list[dict[str, Any]]:
-    """Every catalogued effect: `name`, `modelled` by the rung, `predicted_relative_size` (or None), `basis`."""
+def catalogue(scene: Scene, direct: DirectScene, rung: str = "direct") -> list[Effect]:
+    """Every catalogued effect of a gated capture at the rung."""
     rig = gated_rig(scene)
     distance = direct.truth["truth_range"]
     typical = float(np.nanmedian(distance)) if np.isfinite(distance).any() else 0.0
     detector, laser, tube = rig.detector, rig.laser, rig.detector.intensifier
-
-    def effect(name: str, modelled: bool, size: float | None, basis: str) -> dict[str, Any]:
-        return {"name": name, "modelled": modelled, "predicted_relative_size": size, "basis": basis}
 
     return [
         effect("first bounce", True, 1.0, "Mitsuba first hits, exact times"),
@@ -89,8 +84,6 @@ def _scattering(
             ("delay of scattered light", there, size, basis),
             ("multiple scattering", rung == "full", size, basis),
         ]
-    from . import scatter_size
-
     amplitude = np.asarray(direct.truth["truth_amplitude"])
     lit = amplitude[amplitude > 0]
     middle = float(np.median(lit)) if lit.size else 0.0
@@ -112,13 +105,3 @@ def _scattering(
         ("delay of scattered light", there, delay, "rms over slices of the echo with against without it"),
         ("multiple scattering", rung == "full", scatter_size.multiple_size(delay), "half the delay's size"),
     ]  # fmt: skip
-
-
-def interreflection(scene: Scene) -> tuple[float | None, str]:
-    """Size of second bounces: zero where no surface faces another, else unknown to this rung, with an upper bound."""
-    shapes = [item.shape for item in scene.target]
-    flat = all(isinstance(s, Rectangle) and s.tilt_x_deg == 0 and s.tilt_y_deg == 0 for s in shapes)
-    if flat or (len(shapes) == 1 and isinstance(shapes[0], Rectangle | Sphere)):
-        return 0.0, "no surface faces another"
-    brightest = max(albedo_at_normal(item.material) for item in scene.target)
-    return None, f"unknown; at most the largest albedo, {brightest:.2g}"

@@ -26,10 +26,11 @@ from ...optics.illumination import beam_rotation
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
-from ..rays.echo import beam_intensity
 from ..rays.subsampling import lattice
 from ..rays.trace import Tracer, pixel_directions
-from .direct import DirectScene, gate_tables, response_width_s
+from .direct import DirectScene
+from .gates import gate_tables, response_width_s
+from .view import view_of
 
 __all__ = ["defocus_size", "finite_size", "is_finite", "lamp_size"]
 
@@ -109,7 +110,7 @@ def _disc(radius: float, shape: tuple[int, ...]) -> Float:
 def lamp_size(scene: Scene, direct: DirectScene, tracer: Tracer | None = None) -> float:
     """Relative change of the stack by the lamp's size: shadows, delays, and the beam's own width."""
     rig = gated_rig(scene)
-    laser, camera = rig.laser, rig.camera
+    laser, camera, lamp = rig.laser, rig.camera, view_of(scene).lamp
     distance = np.asarray(direct.truth["truth_range"], dtype=np.float64).ravel()
     pick = np.flatnonzero(np.isfinite(distance))
     if laser.source_radius_m == 0.0 or pick.size == 0:
@@ -129,7 +130,7 @@ def lamp_size(scene: Scene, direct: DirectScene, tracer: Tracer | None = None) -
         beam = point - place[:, None]
         far = np.sqrt(np.einsum("in,in->n", beam, beam))
         beam /= far
-        light = matt * beam_intensity(laser.illumination, beam) * np.exp(-scene.medium.attenuation_per_m * far) / far**2
+        light = matt * lamp.intensity(beam) * np.exp(-scene.medium.attenuation_per_m * far) / far**2
         light *= np.maximum(-np.einsum("in,in->n", normal, beam), 0.0)
         return np.where(tracer.visible(point, (place[0], place[1], place[2])), light, 0.0), far
 

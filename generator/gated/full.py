@@ -16,25 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.constants import C_M_PER_S
-from ...optics.correlation.gate_maps import gate_offset_map
 from ...optics.correlation.response import Table
 from ...scenes.errors import InputError
-from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
-from ..paths.finite import FiniteLight, FiniteSums, finite_truth, trace_finite
+from ..paths.finite import FiniteLight, FiniteSums, trace_finite
 from ..paths.loop import COMPONENTS, Lanes, Moments, Window, trace_lanes
 from ..paths.single import single_electrons
 from ..paths.world import PathWorld
 from ..random import BLOCK_ROWS, Stage
 from ..rays.returns import Returns, render_stack
 from ..water.ramp import nearest_path_m
-from .direct import gate_tables
+from .finite_truth import finite_truth
+from .gates import gate_offset, gate_tables
+from .view import view_of
 
 __all__ = [
     "SAMPLING",
     "Limits",
     "add_remainder",
-    "gate_offset",
     "Remainder",
     "Slices",
     "path_window",
@@ -103,7 +102,7 @@ def path_window(scene: Scene, tables: list[Table], slices: Slices, per_metre_s: 
     high = low + np.array([t.step_s * (len(t.value) - 1) for t in tables])
     offset = np.zeros(1) if slices.offset_s is None else slices.offset_s
     # Nearer than this, lamp and aperture are no points; the quadrature of single scattering ends there too.
-    nearest = nearest_path_m(gated_rig(scene)) * per_metre_s if scene.medium.scattering_per_m else 0.0
+    nearest = nearest_path_m(view_of(scene)) * per_metre_s if scene.medium.scattering_per_m else 0.0
     first = max(float((delay + low[gate]).min() + offset.min()), nearest)
     last = max(float((delay + high[gate]).max() + offset.max()), first)
     width = _BIN_SIGMAS * sigma
@@ -161,11 +160,13 @@ def render_remainder(
     """
     if component not in COMPONENTS:
         raise InputError("There is no such light.", where="component", value=component, allowed=", ".join(COMPONENTS))
-    world = world or PathWorld.of(scene)
+    world = world or PathWorld.of(scene, view_of(scene))
     run = _Run(scene, world, slices, seed, capture_key, component, limits, parts)
     known = np.zeros_like(direct)
     if component == "all":
-        known = single_electrons(scene, slices.gate, slices.delay_s, slices.scale, slices.offset_s)
+        known = single_electrons(
+            scene, view_of(scene), gate_tables(scene), slices.gate, slices.delay_s, slices.scale, slices.offset_s
+        )
         direct = direct + known
     wanted = _FIRST_SAMPLES
     while True:
@@ -186,14 +187,6 @@ def render_remainder(
     if finite is not None:
         sigma = np.hypot(sigma, finite.sigma)
     return Remainder(light + known, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol, found, finite)
-
-
-def gate_offset(scene: Scene) -> Float | None:
-    """Extra delay of the gate in each pixel (rows·cols) [s]; None where all open together."""
-    rig = gated_rig(scene)
-    if rig.gate_map is None:
-        return None
-    return gate_offset_map(rig.camera.rows, rig.camera.cols, rig.gate_map.iris_s, rig.gate_map.skew_s).ravel()
 
 
 def add_remainder(

@@ -14,8 +14,13 @@ from ...scenes.rigs.gated import gated_rig
 from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
 from ..paths.world import PathWorld
+from .direct import render_direct
 from .error import noise_variance, relative_noise, replicate_error, stack_error, task_error
-from .full import Limits, Remainder, Slices, gate_offset, render_remainder
+from .full import Limits, Remainder, Slices, render_remainder
+from .gates import gate_offset
+from .scatter import render_scatter, scattered_electrons
+from .stack import ambient_electrons, expected_electrons, slice_coordinates, slice_settings
+from .view import view_of
 
 __all__ = ["Pilot", "Traced", "cheap_stacks", "pilot_scene"]
 
@@ -48,10 +53,6 @@ def pilot_scene(scene: Scene, side: int = _SIDE) -> Scene:
 
 def cheap_stacks(scene: Scene, key: int = 0) -> dict[str, Stack]:
     """Signal (slices, rows, cols), without ambient light, of the rungs below the full one; the cheapest comes first."""
-    from ..generate import expected_electrons, slice_coordinates, slice_settings
-    from .direct import render_direct
-    from .scatter import render_scatter, scattered_electrons
-
     coords = slice_coordinates(scene)
 
     def stack(direct: Any) -> Stack:
@@ -92,8 +93,6 @@ class Pilot:
     """
 
     def __init__(self, scene: Scene, seed: int, key: int, finite: float = 0.0) -> None:
-        from ..generate import slice_coordinates, slice_settings
-
         self.scene, self.small = scene, pilot_scene(scene)
         self.seed, self.key = seed, key
         coords = slice_coordinates(self.small)
@@ -102,7 +101,7 @@ class Pilot:
         self.coords = coords
         self.stacks = cheap_stacks(self.small, key)
         # Blurs of some pixels do not show on the pilot's wide ones: lens and lamp are points here, and their size is added.
-        self.world = replace(PathWorld.of(self.small), focus_distance=None, source_radius=0.0)
+        self.world = replace(PathWorld.of(self.small, view_of(self.small)), focus_distance=None, source_radius=0.0)
         self.finite = finite
         area = gated_rig(self.small).camera.pixel_pitch_m / gated_rig(scene).camera.pixel_pitch_m
         self._per_pixel = 1.0 / area**2
@@ -119,10 +118,10 @@ class Pilot:
         pixels = camera.rows * camera.cols / (self.shape[0] * self.shape[1])
         for most in _SAMPLES:
             pair = [self._trace("all", goal, most // 2, replicate) for replicate in range(2)]
-            told = self._told(pair, with_task)
-            yield told
-            needed = Limits().most_samples * min((told.full / limit) ** 2, 1.0) * pixels
-            if all(traced.reached for traced in pair) or 4 * most > _MOST_SHARE * needed:
+            traced = self._traced(pair, with_task)
+            yield traced
+            needed = Limits().most_samples * min((traced.full / limit) ** 2, 1.0) * pixels
+            if all(run.reached for run in pair) or 4 * most > _MOST_SHARE * needed:
                 return
 
     def interreflection(self, goal: float) -> float:
@@ -137,13 +136,14 @@ class Pilot:
             component=component, limits=Limits(most_samples=most), world=self.world,
         )  # fmt: skip
 
-    def _told(self, pair: list[Remainder], with_task: bool) -> Traced:
+    def _traced(self, pair: list[Remainder], with_task: bool) -> Traced:
         direct = self.stacks["direct"]
         ones, twos = (direct[None] + np.stack([traced.halves[half] for traced in pair]) for half in range(2))
         mean = 0.25 * (ones + twos).sum(axis=0).astype(np.float64) * self._per_pixel
         task: dict[str, float] = {}
         if with_task:
-            variance = noise_variance(gated_rig(self.scene).detector, mean + self._ambient()[:, None, None])
+            ambient = ambient_electrons(self.scene, self.coords)[:, None, None]
+            variance = noise_variance(gated_rig(self.scene).detector, mean + ambient)
             scale = np.float32(self._per_pixel)
             both = (ones.mean(axis=0) * scale, twos.mean(axis=0) * scale)
             slope = self._slope() * scale
@@ -162,19 +162,8 @@ class Pilot:
             {name: math.hypot(error, worst) for name, error in task.items()},
         )
 
-    def _ambient(self) -> Float:
-        from ...optics.correlation import waveforms
-        from ...scenes.sampling import optics_gate
-
-        rig = gated_rig(self.scene)
-        areas = np.array([waveforms.gate_area(optics_gate(gate)) for gate in rig.gates])
-        return np.asarray(rig.ambient_e_per_s * areas[self.coords["gate"]] * self.coords["pulses"])
-
     def _slope(self) -> Stack:
         """dS/dτ of the direct return by central differences over a tenth of a delay step [1/s]."""
-        from ..generate import expected_electrons
-        from .direct import render_direct
-
         step = 0.1 * gated_rig(self.small).delays.step_s
         direct = render_direct(self.small, 3e-3)
         shifted = [

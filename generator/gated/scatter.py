@@ -30,21 +30,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optics.correlation.gate_maps import gate_offset_map
 from ...optics.water.beam import BeamHalo, tabulate_beam_halo
 from ...optics.water.phase_forms import PhaseFunction
-from ...scenes.errors import InputError
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
-from ..rays.echo import beam_angle
+from ..rays.lamp import RoundBeam
 from ..rays.returns import Returns, render_stack
 from ..rays.trace import Tracer, pixel_directions
+from ..rays.view import View
 from ..water.delays import Delays, exact_over_small_angle, lit_half_angle, viewed_half_angle
 from ..water.image import ImageHalo, image_halo
-from ..water.ramp import backscatter_electrons, beam_edge, beam_profile
-from .direct import DirectScene, gate_tables, render_direct
+from ..water.phase import phase_of
+from ..water.ramp import backscatter_electrons
+from .direct import DirectScene, render_direct
+from .gates import gate_offset_image, gate_tables
+from .view import view_of
 
-__all__ = ["ScatterScene", "forward_electrons", "halo_electrons", "phase_of", "render_scatter", "scattered_electrons"]
+__all__ = ["ScatterScene", "forward_electrons", "halo_electrons", "render_scatter", "scattered_electrons"]
 
 Float = NDArray[np.float64]
 
@@ -71,40 +73,19 @@ class ScatterScene:
 class _Outbound:
     """I ⊗ h of the way out as `echoes` asks for it; tabulated over the ranges of its first, full set of rays."""
 
-    def __init__(self, scene: Scene, phase: PhaseFunction) -> None:
-        self._scene, self._phase = scene, phase
+    def __init__(self, scene: Scene, view: View[RoundBeam], phase: PhaseFunction) -> None:
+        self._scene, self._lamp, self._phase = scene, view.lamp, phase
         self._table: BeamHalo | None = None
 
     def __call__(self, beam: Float, range_m: Float) -> Float:
         """X [1/sr] along unit directions (3, n) at ranges (n)."""
-        spec = gated_rig(self._scene).laser.illumination
         if self._table is None:
             between = (float(range_m.min()), float(range_m.max()))
             self._table = tabulate_beam_halo(
-                lambda t: beam_profile(spec, t), beam_edge(spec), self._phase, self._scene.medium.scattering_per_m,
-                between, 1,
-            )  # fmt: skip
-            self._ratio = exact_over_small_angle(self._scene, self._phase, lit_half_angle(self._scene), between)
-        return self._table.at(beam_angle(spec, beam), range_m) * self._ratio(range_m)
-
-
-def phase_of(scene: Scene) -> PhaseFunction | None:
-    """The medium's phase function; None where nothing scatters.
-
-    Raises:
-        InputError: the medium scatters and nothing says how.
-    """
-    if scene.medium.scattering_per_m == 0.0:
-        return None
-    phase = scene.medium.phase
-    if phase is None:
-        raise InputError(
-            "Scattered light needs the medium's phase function.",
-            where=f"{scene.name}: medium.phase_function",
-            allowed='e.g. { kind = "fournier-forand", index = 1.10, slope = 3.58 }, or a water_type of petzold1972',
-            next_step='give the phase function, or use fidelity="direct"',
-        )
-    return phase
+                self._lamp.profile, self._lamp.edge_rad, self._phase, self._scene.medium.scattering_per_m, between, 1
+            )
+            self._ratio = exact_over_small_angle(self._scene, self._phase, lit_half_angle(self._lamp), between)
+        return self._table.at(self._lamp.angle(beam), range_m) * self._ratio(range_m)
 
 
 def render_scatter(scene: Scene, rtol: float, tracer: Tracer | None = None) -> ScatterScene:
@@ -127,7 +108,8 @@ def render_scatter(scene: Scene, rtol: float, tracer: Tracer | None = None) -> S
     margin = int(_MARGIN * max(rows, cols))
     camera = rig.camera.model_copy(update={"rows": rows + 2 * margin, "cols": cols + 2 * margin})
     widened = scene.model_copy(update={"rig": rig.model_copy(update={"camera": camera})})
-    outbound = _Outbound(scene, phase)
+    view = view_of(widened)
+    outbound = _Outbound(scene, view, phase)
     wide = render_direct(widened, rtol, tracer, outbound)
     distance = np.asarray(wide.truth["truth_range"])
     seen = np.isfinite(distance)
@@ -142,14 +124,14 @@ def render_scatter(scene: Scene, rtol: float, tracer: Tracer | None = None) -> S
     halo = image_halo(rig.camera, margin, phase, scene.medium.scattering_per_m, between)
     gain = 1.0 + halo.own_share(filled[inner])
     truth["truth_amplitude"] = truth["truth_amplitude"] * gain
-    late = Delays.of(scene, phase, camera, between)
-    turned = late.turned_share(scene, outbound, camera, filled)
+    late = Delays.of(scene, view, phase, between)
+    turned = late.turned_share(view, outbound, filled)
     returns = late.own(_cropped(wide.returns, seen, inner, gain), turned[inner])
     falloff = np.ones(filled.shape)
     if camera.vignetting == "cos4":
         row, col = (a.ravel() for a in np.mgrid[: camera.rows, : camera.cols])
         falloff = (pixel_directions(camera, row, col)[2] ** 4).reshape(filled.shape)
-    ratio = exact_over_small_angle(scene, phase, viewed_half_angle(scene, camera), between)
+    ratio = exact_over_small_angle(scene, phase, viewed_half_angle(view), between)
     weight = np.asarray(halo.weights(filled) * ratio(filled) / falloff, dtype=np.float32)
     return ScatterScene(
         DirectScene(returns, truth, wide.rays),
@@ -184,12 +166,11 @@ def scattered_electrons(
     if scatter.phase is None:
         return np.zeros((len(delay_s), rows, cols), dtype=np.float32)
     tables = gate_tables(scene)
-    offset = None
-    if rig.gate_map is not None:
-        offset = gate_offset_map(rows, cols, rig.gate_map.iris_s, rig.gate_map.skew_s)
+    offset = gate_offset_image(scene)
     total = backscatter_electrons(
-        scene, scatter.phase, tables, gate, delay_s, scale, np.asarray(scatter.direct.truth["truth_range"]), offset
-    )
+        scene, view_of(scene), scatter.phase, tables, gate, delay_s, scale,
+        np.asarray(scatter.direct.truth["truth_range"]), offset,
+    )  # fmt: skip
     halo, wide = scatter.halo, scatter.wide
     if halo is None or wide is None or scatter.weight is None or scatter.field is None:
         return total

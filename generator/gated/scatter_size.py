@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +15,9 @@ from ...optics.water.phase_forms import PhaseFunction
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from ..water.delays import Delays, viewed_half_angle
-from ..water.ramp import backscatter_electrons, beam_edge, beam_profile
-from .direct import gate_tables
+from ..water.ramp import backscatter_electrons
+from .gates import gate_tables
+from .view import view_of
 
 Float = NDArray[np.float64]
 
@@ -38,21 +41,19 @@ def forward_size(scene: Scene, phase: PhaseFunction, range_m: float) -> float:
 def _gain_out(scene: Scene, phase: PhaseFunction, range_m: float) -> float:
     """X(0)/I(0), on the beam's axis."""
     b = scene.medium.scattering_per_m
-    spec = gated_rig(scene).laser.illumination
-    edge = beam_edge(spec)
-    x = beam_halo(np.zeros(1), lambda t: beam_profile(spec, t), edge, phase, b * range_m)
-    peak = float(beam_profile(spec, np.zeros(1))[0])
+    beam = view_of(scene).lamp
+    x = beam_halo(np.zeros(1), beam.profile, beam.edge_rad, phase, b * range_m)
+    peak = float(beam.profile(np.zeros(1))[0])
     return float(x[0]) / peak if peak > 0 else float(np.expm1(b * range_m * forward_share(phase)))
 
 
 def _evenness(scene: Scene, phase: PhaseFunction, range_m: float, half_angle: float) -> float:
     """Halo of the beam over what it is on the axis, mean over what is lit and in view: toward the edge there is less."""
-    spec = gated_rig(scene).laser.illumination
+    beam = view_of(scene).lamp
     theta = np.sqrt((np.arange(24) + 0.5) / 24) * half_angle
     x = beam_halo(
-        np.concatenate([[0.0], theta]), lambda t: beam_profile(spec, t), beam_edge(spec), phase,
-        scene.medium.scattering_per_m * range_m,
-    )  # fmt: skip
+        np.concatenate([[0.0], theta]), beam.profile, beam.edge_rad, phase, scene.medium.scattering_per_m * range_m
+    )
     return float(x[1:].mean() / x[0]) if x[0] > 0 else 1.0
 
 
@@ -66,14 +67,13 @@ def backscatter_size(scene: Scene, phase: PhaseFunction, range_m: float, amplitu
     Single scattering over the unscattered return: forward scattering raises both alike.
     """
     rig = gated_rig(scene)
-    camera = rig.camera.model_copy(update={"rows": 1, "cols": 1})
-    single = scene.model_copy(update={"rig": rig.model_copy(update={"camera": camera, "gate_map": None})})
+    middle = replace(view_of(scene), camera=rig.camera.model_copy(update={"rows": 1, "cols": 1}))
     tables = gate_tables(scene)
     ramp = rig.t0_s + rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count)
     delay = np.tile(ramp, len(tables))
     gate = np.repeat(np.arange(len(tables), dtype=np.int32), len(ramp))
     veil = backscatter_electrons(
-        single, phase, tables, gate, delay, np.ones(len(delay)), np.full((1, 1), range_m), None, forward=False
+        scene, middle, phase, tables, gate, delay, np.ones(len(delay)), np.full((1, 1), range_m), None, forward=False
     )
     signal = amplitude_e * max(float(table.value.max()) for table in tables)
     if scattered:
@@ -91,7 +91,7 @@ def outside_size(scene: Scene, phase: PhaseFunction, range_m: float) -> float:
     camera = rig.camera
     pixel = camera.pixel_pitch_m / camera.focal_length_m
     half = 0.5 * max(camera.rows, camera.cols) * pixel
-    lit = min(beam_edge(rig.laser.illumination), 0.45 * np.pi)
+    lit = min(view_of(scene).lamp.edge_rad, 0.45 * np.pi)
     spread = halo_spread(phase, scene.medium.scattering_per_m * range_m)
     across = (np.arange(8) + 0.5) / 8 * half  # pixels along a half row
     missing = []
@@ -119,13 +119,13 @@ def delay_size(scene: Scene, phase: PhaseFunction, range_m: float, depth_s: floa
     Straight light 1, turned on its way out g = X(0)/I(0), on its way back h (within the view; on its way out turned or not):
     S′ ∝ R + g R∗K_out + h(1 + g) R∗K_back.
     """
-    rig, medium = gated_rig(scene), scene.medium
+    view, medium = view_of(scene), scene.medium
     table = gate_tables(scene)[0]
-    half = viewed_half_angle(scene, rig.camera)
+    half = viewed_half_angle(view)
     share = _evenness(scene, phase, range_m, half)
     out = _FILLED * share * _gain_out(scene, phase, range_m)
     back = _FILLED * share * float(halo_spread(phase, medium.scattering_per_m * range_m).enclosed_within(half))
-    late = Delays.of(scene, phase, rig.camera, (range_m, range_m))
+    late = Delays.of(scene, view, phase, (range_m, range_m))
     width = table.step_s * (table.value.size - 1)
     u = np.linspace(table.start_s - 2.0 * depth_s, table.start_s + 2.0 * (width + depth_s), 768)
     deep = depth_s * np.sqrt(12.0) * ((np.arange(9) + 0.5) / 9 - 0.5)

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from ...optics.correlation.gate_maps import gate_offset_map
 from ...optics.correlation.response import Table, lookup
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
+from .gates import gate_offset
 
 __all__ = ["slice_view"]
 
@@ -40,9 +40,8 @@ def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Flo
     """
     rig = gated_rig(scene)
     delays = rig.t0_s + rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count)
-    late = np.zeros(1)
-    if rig.gate_map is not None:
-        late = gate_offset_map(rig.camera.rows, rig.camera.cols, rig.gate_map.iris_s, rig.gate_map.skew_s).ravel()
+    offset = gate_offset(scene)
+    late = np.zeros(1) if offset is None else offset
     delays = delays + 0.5 * (late.min() + late.max())
     low = delays.min() + min(t.start_s for t in tables)
     high = delays.max() + max(t.start_s + t.step_s * (t.value.size - 1) for t in tables)

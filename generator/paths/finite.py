@@ -21,17 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optics.constants import C_M_PER_S
-from ...scenes.medium_index import group_index
-from ...scenes.rigs.gated import gated_rig
-from ...scenes.scene import Scene
-from ..gated.direct import MIXED_FRACTION, response_width_s
 from ..rays.backend import mitsuba
-from ..rays.trace import pixel_directions
 from .loop import Lanes, Moments, Window
 from .world import PathWorld
 
-__all__ = ["Change", "FiniteLight", "FiniteSums", "finite_truth", "trace_finite"]
+__all__ = ["Change", "FiniteLight", "FiniteSums", "trace_finite"]
 
 Float = NDArray[np.float64]
 
@@ -83,31 +77,6 @@ class FiniteSums:
         first, last = (np.where(np.isfinite(path), path, np.nan) for path in (self.first_m, self.last_m))
         maps = (electrons * light, electrons / np.sqrt(samples) * sigma, first, last)
         return FiniteLight(*(np.asarray(value).reshape(shape) for value in maps))
-
-
-def finite_truth(scene: Scene, truth: dict[str, Any], found: FiniteLight) -> dict[str, Any]:
-    """Truth that a finite lens and lamp change: `truth` of the direct rung, with what was found by tracing.
-
-    truth_amplitude is all light that meets one surface on its way, at an open gate; truth_first and truth_last are half of the
-    shortest and the longest path less what the lamp's place adds at the pixel's centre, those of the direct rung included (points
-    are part of lens and lamp); truth_mixed follows from them.
-    """
-    rig = gated_rig(scene)
-    half = 0.5 * C_M_PER_S / group_index(scene.medium, rig.laser.wavelength_m)
-    distance = np.asarray(truth["truth_range"], np.float64)
-    row, col = np.mgrid[: distance.shape[0], : distance.shape[1]]
-    point = pixel_directions(rig.camera, row, col) * distance
-    lamp = np.asarray(rig.laser.position_m, np.float64)[:, None, None]
-    beside = np.nan_to_num(0.5 * (np.sqrt(np.sum((point - lamp) ** 2, axis=0)) - distance))
-    first = np.fmin(truth["truth_first"], 0.5 * found.first_m - beside)
-    last = np.fmax(truth["truth_last"], 0.5 * found.last_m - beside)
-    return {
-        # Where hardly any light is left, the difference leaves its noise.
-        "truth_amplitude": np.maximum(truth["truth_amplitude"] + found.amplitude, 0.0),
-        "truth_first": first,
-        "truth_last": last,
-        "truth_mixed": np.nan_to_num(last - first) > MIXED_FRACTION * response_width_s(scene)[1] * half,
-    }
 
 
 def trace_finite(

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.water.phase_forms import PhaseFunction, phase_cdf
-from ...scenes.errors import InputError
 from ...scenes.scene import Scene
 from ..rays.backend import mitsuba
+from ..water.phase import phase_of
 
 __all__ = ["PhaseCells", "free_path", "phase_cells_of"]
 
@@ -116,16 +116,7 @@ def phase_cells_of(scene: Scene) -> PhaseCells | None:
     """Cells of the scene's phase function; None where nothing scatters.
 
     Raises:
-        InputError: the medium scatters, and how is not told.
+        InputError: the medium scatters and has no phase function.
     """
-    if scene.medium.scattering_per_m == 0.0:
-        return None
-    phase = scene.medium.phase
-    if phase is None:
-        raise InputError(
-            "The medium scatters light, and its phase function is not told.",
-            where=f"{scene.name}: medium.phase_function",
-            allowed="henyey-greenstein, fournier-forand, molecular, tabulated",
-            next_step='--set medium.phase_function=\'{"kind": "henyey-greenstein", "g": 0.92}\'',
-        )
-    return PhaseCells.of(phase)
+    phase = phase_of(scene)
+    return None if phase is None else PhaseCells.of(phase)

@@ -7,85 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from ...optics import illumination, ladar
-from ...optics.reflection.albedo import albedo_limit
 from ...scenes.errors import InputError
-from ...scenes.materials import Chua, CookTorrance, Material, Phong
+from ...scenes.materials import Material
 from ...scenes.medium_index import group_index
 from ...scenes.meshes import shape_mesh
-from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
-from ..bsdf.lobes import opaque
 from ..bsdf.plugin import mitsuba_bsdf
 from ..bsdf.texture import shade_of, sphere_frame, vertex_uv
-from ..rays.backend import mitsuba
-from ..rays.echo import response
+from ..rays.backend import mitsuba, opaque
+from ..rays.lamp import DeviceLamp, Lamp
+from ..rays.view import View
 from .phase import PhaseCells, phase_cells_of
 
-__all__ = ["Lamp", "PathWorld"]
+__all__ = ["PathWorld"]
 
 #: A law may return this share more than it gets, at grazing angles, before it is refused.
 _ENERGY_SLACK = 1e-3
-
-
-@dataclass(frozen=True)
-class Lamp:
-    """The laser as a point with a radiant intensity I(θ) [1/sr] per unit energy, about `axis`."""
-
-    position: Any
-    axis: Any
-    profile: str
-    half_angle: Any
-    scale: Any
-    values: Any
-    cells: int
-
-    @staticmethod
-    def of(scene: Scene) -> Lamp:
-        """The lamp of a scene."""
-        mi = mitsuba()
-        laser = gated_rig(scene).laser
-        spec = laser.illumination
-        w = spec.half_angle_rad
-        values, cells, scale = [0.0, 0.0], 1, 0.0
-        if spec.profile == "gaussian":
-            scale = float(illumination.gaussian_intensity(0.0, w))
-        elif spec.profile == "flat-top":
-            scale = float(illumination.flat_top_intensity(0.0, w))
-        else:
-            assert spec.radial_value is not None
-            cells = len(spec.radial_value) - 1
-            grid = np.linspace(0.0, w, cells + 1)
-            values = [float(v) for v in illumination.measured_intensity(grid, w, np.asarray(spec.radial_value))]
-        axis = illumination.beam_axis(spec.offset_rad)
-        return Lamp(
-            mi.Point3f(*(opaque(float(p)) for p in laser.position_m)),
-            mi.Vector3f(*(opaque(float(a)) for a in axis)),
-            spec.profile,
-            opaque(w),
-            opaque(scale),
-            mi.Float(values),
-            cells,
-        )
-
-    def intensity(self, direction: Any) -> Any:
-        """I(θ) along unit directions away from the lamp."""
-        import drjit as dr
-
-        theta = dr.atan2(dr.norm(dr.cross(self.axis, direction)), dr.dot(self.axis, direction))
-        if self.profile == "gaussian":
-            value = self.scale * dr.exp(-2.0 * dr.square(theta / self.half_angle))
-            return dr.select(theta <= 0.5 * dr.pi, value, 0.0)
-        if self.profile == "flat-top":
-            return dr.select(theta <= self.half_angle, self.scale, 0.0)
-        mi = mitsuba()
-        inside = theta <= self.half_angle
-        x = dr.minimum(theta / self.half_angle * self.cells, float(self.cells))
-        left = dr.minimum(mi.UInt32(x), self.cells - 1)
-        a = dr.gather(mi.Float, self.values, left, inside)
-        b = dr.gather(mi.Float, self.values, left + 1, inside)
-        return dr.select(inside, a + (x - mi.Float(left)) * (b - a), 0.0)
 
 
 @dataclass(frozen=True)
@@ -95,7 +33,7 @@ class PathWorld:
     None where all is sharp; `coaxial`: whether lamp and camera are at one point."""
 
     geometry: Any
-    lamp: Lamp
+    lamp: DeviceLamp
     phase: PhaseCells | None
     attenuation: Any
     absorption: Any
@@ -117,45 +55,31 @@ class PathWorld:
         return self.focus_distance is not None or self.source_radius > 0.0
 
     @staticmethod
-    def of(scene: Scene) -> PathWorld:
-        """Build the world of a scene.
+    def of(scene: Scene, view: View[Lamp]) -> PathWorld:
+        """Build the world of a scene and a view.
 
         Raises:
             InputError: a material that returns more light than it gets; a scattering medium without phase function;
                 an unreadable mesh; a camera inside a closed object.
         """
-        rig, medium = gated_rig(scene), scene.medium
-        camera, laser = rig.camera, rig.laser
-        electrons = rig.pulses_per_slice * ladar.pixel_photoelectrons(
-            pulse_energy_j=laser.pulse_energy_j,
-            intensity_per_sr=1.0,
-            response_per_sr=1.0,
-            lamp_range_m=1.0,
-            camera_range_m=1.0,
-            attenuation_per_m=0.0,
-            pixel_area_m2=camera.pixel_pitch_m**2,
-            f_number=camera.f_number,
-            transmission=camera.transmission,
-            quantum_efficiency=camera.quantum_efficiency,
-            wavelength_m=laser.wavelength_m,
-        )
+        medium, camera = scene.medium, view.camera
         return PathWorld(
             geometry=_geometry(scene),
-            lamp=Lamp.of(scene),
+            lamp=view.lamp.on_device(),
             phase=phase_cells_of(scene),
             attenuation=opaque(medium.attenuation_per_m),
             absorption=opaque(medium.absorption_per_m),
             scattering=opaque(medium.scattering_per_m),
-            group_index=group_index(medium, laser.wavelength_m),
-            electrons=float(electrons),
+            group_index=group_index(medium, view.wavelength_m),
+            electrons=float(view.electrons()),
             rows=camera.rows,
             cols=camera.cols,
             pitch_over_focal=camera.pixel_pitch_m / camera.focal_length_m,
             vignetting=camera.vignetting == "cos4",
             aperture_radius=0.5 * camera.focal_length_m / camera.f_number,
             focus_distance=camera.focus_distance_m,
-            source_radius=laser.source_radius_m,
-            coaxial=not any(laser.position_m),
+            source_radius=view.lamp.source_radius_m,
+            coaxial=view.coaxial,
         )
 
 
@@ -192,14 +116,8 @@ def _geometry(scene: Scene) -> Any:
 
 
 def _check_energy(material: Material, where: str) -> None:
-    """Light that bounces between surfaces that amplify it has no sum: refuse them."""
-    if isinstance(material, Phong):
-        largest, angle = material.diffuse_albedo + material.specular_albedo, 0.0
-    elif isinstance(material, CookTorrance | Chua):
-        # Up to 80°: nearer to grazing some laws exceed one by construction, and hardly any light goes there.
-        largest, angle = albedo_limit(response(material), largest_theta_rad=1.396, samples=9)
-    else:
-        return
+    """Refuse surfaces that amplify light: what bounces between them has no sum."""
+    largest, angle = material.largest_albedo()
     if largest > 1.0 + _ENERGY_SLACK:
         raise InputError(
             "This surface returns more light than it gets, so light that bounces on it has no bound.",

@@ -21,7 +21,7 @@ from ...scenes.rigs.parts import Illumination
 from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 from ..ranger.footprint import shot_angles
-from ..rays.echo import beam_intensity
+from ..rays.lamp import RoundBeam
 from ..rays.trace import Tracer
 from .raster import Raster, RasterView, rasterise
 
@@ -166,8 +166,8 @@ def _profile(scene: Scene, direction: Float, view: RasterView) -> Float:
     rig: Any = scene.rig
     spec: Illumination = rig.laser.illumination
     if isinstance(rig, GatedRig):
-        peak = float(beam_intensity(spec, beam_axis(spec.offset_rad)[:, None])[0])
-        return np.asarray(beam_intensity(spec, direction) / max(peak, 1e-300))
+        lamp = RoundBeam(spec)
+        return np.asarray(lamp.intensity(direction) / max(float(lamp.intensity(lamp.axis[:, None])[0]), 1e-300))
     narrow = max(spec.half_angle_rad, _SPOT_PX / view.focal_px)
     shots, scan = (rig.record.shots, rig.record.scan_half_angle_rad) if rig.kind == "waveform" else (
         rig.shots, rig.scan_half_angle_rad,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scenes.errors import InputError
-from ...scenes.materials import Chua, CookTorrance, Lambert, Material, Phong
+from ...scenes.materials import Material
 from ...scenes.meshes import shape_mesh
 from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
@@ -172,7 +172,7 @@ def _primitive(pyrender: Any, vertices: Float, faces: NDArray[np.int64], materia
     away = np.einsum("fi,fi->f", normal, corner.mean(axis=1)) > 0
     normal[away] *= -1.0
     corner[away] = corner[away, ::-1]  # pyrender culls by winding in the pass that tells objects apart
-    grey, rough = _look(material)
+    grey, rough = material.look()
     return pyrender.Primitive(
         positions=(corner.reshape(-1, 3) @ _AXES[:3, :3]).astype(np.float32),
         normals=np.repeat(normal @ _AXES[:3, :3], 3, axis=0).astype(np.float32),
@@ -181,18 +181,6 @@ def _primitive(pyrender: Any, vertices: Float, faces: NDArray[np.int64], materia
         ),
         mode=4,
     )
-
-
-def _look(material: Material) -> tuple[float, float]:
-    """(diffuse grey, roughness) by which pyrender stands for a reflection law."""
-    if isinstance(material, Lambert):
-        return material.albedo, 1.0
-    if isinstance(material, Phong):
-        return min(material.diffuse_albedo + material.specular_albedo, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
-    if isinstance(material, CookTorrance):
-        return min(material.diffuse_albedo + material.f0, 1.0), float(np.sqrt(material.roughness))
-    assert isinstance(material, Chua)
-    return min(float(np.pi * material.k_d + material.k_s), 1.0), float(np.sqrt(min(material.slope, 1.0)))
 
 
 def _lamp(pyrender: Any, light_m: Any, meshes: list[Any]) -> tuple[Any, Float]:

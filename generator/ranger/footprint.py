@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from ...optics import ladar
 from ...optics.constants import C_M_PER_S
 from ...optics.illumination import beam_rotation
-from ...optics.reflection.angles import Angles, angles
+from ...optics.reflection.angles import angles
 from ...scenes.medium_index import group_index
-from ...scenes.rigs.amcw import AmcwRig
-from ...scenes.rigs.parts import Illumination, Receiver
-from ...scenes.rigs.waveform import WaveformRig, waveform_rig
+from ...scenes.rigs.parts import Receiver
 from ...scenes.scene import Scene
-from ..rays.echo import beam_intensity, textured_response
+from ..rays.echo import reflected
+from ..rays.lamp import RoundBeam
 from ..rays.trace import Tracer
 
 __all__ = ["Footprint", "Halo", "Ranger", "ranger_footprint", "rays_for", "shot_angles", "sunflower_cone", "turned"]
@@ -71,24 +70,14 @@ def sunflower_cone(half_angle_rad: float, rays: int) -> tuple[Float, float]:
 
 @dataclass(frozen=True)
 class Ranger:
-    """What the two rangers have in common: one beam, one lens, one detector, and the `angle_rad` of their shots."""
+    """What the rangers have in common: one beam, one lens, one detector, and the `angle_rad` of their shots."""
 
     wavelength_m: float
-    illumination: Illumination
+    lamp: RoundBeam
     receiver: Receiver
     detector_diameter_m: float
     quantum_efficiency: float
     angle_rad: Float
-
-    @staticmethod
-    def of(scene: Scene) -> Ranger:
-        """The ranger of a waveform or AMCW scene. Raises InputError for a gated one."""
-        rig = scene.rig if isinstance(scene.rig, AmcwRig | WaveformRig) else waveform_rig(scene)
-        record = rig.record if isinstance(rig, WaveformRig) else rig
-        return Ranger(
-            rig.laser.wavelength_m, rig.laser.illumination, rig.receiver, rig.detector.active_diameter_m,
-            rig.detector.quantum_efficiency, shot_angles(record.shots, record.scan_half_angle_rad),
-        )  # fmt: skip
 
     @property
     def field_rad(self) -> float:
@@ -110,7 +99,7 @@ class Ranger:
 
 
 class Halo(Protocol):
-    """What forward scattering adds to beam and field (`ranger_scatter.RangerHalo`)."""
+    """What forward scattering adds to beam and field (`scatter.RangerHalo`)."""
 
     def lattice(self, ranger: Ranger, rays: int) -> tuple[Float, Float]:
         """(directions (3, n) about the lens's axis that cover beam, field and their halos, solid angle of each)."""
@@ -119,18 +108,19 @@ class Halo(Protocol):
         """(intensity added to the beam, 1/sr; acceptance added to the field), at ranges that broadcast to (shot, n)."""
 
 
-def ranger_footprint(scene: Scene, rays: int, tracer: Tracer | None = None, halo: Halo | None = None) -> Footprint:
-    """Trace the rays of every shot of a waveform or AMCW scene.
+def ranger_footprint(
+    scene: Scene, ranger: Ranger, rays: int, tracer: Tracer | None = None, halo: Halo | None = None
+) -> Footprint:
+    """Trace the rays of every shot.
 
     Main arguments:
-        scene, rays: what is there, and rays a shot.
+        scene: target and medium; ranger: beam and lens; rays: of a shot.
     Other arguments:
         tracer: reuse one of the same target; halo: light scattered forward on both ways, with rays beyond the field.
     """
-    ranger = Ranger.of(scene)
     tracer = tracer or Tracer(scene)
     if halo is None:
-        local, even = _cone(ranger.illumination, ranger.field_rad, rays)
+        local, even = _cone(ranger.lamp, ranger.field_rad, rays)
         solid_angle = np.full(local.shape[1], even)
     else:
         local, solid_angle = halo.lattice(ranger, rays)
@@ -141,21 +131,15 @@ def ranger_footprint(scene: Scene, rays: int, tracer: Tracer | None = None, halo
     hits = tracer.trace((0.0, 0.0, 0.0), direction)
     hit = hits.target >= 0
     distance = np.where(hit, hits.distance, 1.0)
-    reflected = np.zeros_like(distance)
-    a = angles(hits.normal.T, -direction.T, -direction.T)
-    for number, item in enumerate(scene.target):
-        mine = hit & (hits.target == number)
-        if mine.any():
-            part = Angles(a.cos_i[mine], a.cos_o[mine], a.cos_h[mine], a.cos_d[mine], a.cos_r[mine])
-            reflected[mine] = textured_response(item, part, hits.shade[mine])
-    intensity = np.broadcast_to(beam_intensity(ranger.illumination, local), shape)
+    response = reflected(scene, hits, angles(hits.normal.T, -direction.T, -direction.T), hit)
+    intensity = np.broadcast_to(ranger.lamp.intensity(local), shape)
     accepted = np.broadcast_to(ranger.seen(local).astype(np.float64), shape)
     if halo is not None:
         beam, field = halo.added(local, distance.reshape(shape))
         intensity, accepted = intensity + beam, accepted + field
     attenuation = scene.medium.attenuation_per_m
     fluence = ladar.surface_fluence(1.0, intensity.ravel(), distance, attenuation)
-    radiance = ladar.pixel_radiance(fluence, reflected, distance, attenuation)
+    radiance = ladar.pixel_radiance(fluence, response, distance, attenuation)
     amplitude = ranger.electrons((radiance.reshape(shape) * accepted) * solid_angle)
     per_metre = 2.0 * group_index(scene.medium, ranger.wavelength_m) / C_M_PER_S
     return Footprint(
@@ -165,14 +149,15 @@ def ranger_footprint(scene: Scene, rays: int, tracer: Tracer | None = None, halo
     )
 
 
-def _cone(illumination: Illumination, field_rad: float, rays: int) -> tuple[Float, float]:
+def _cone(lamp: RoundBeam, field_rad: float, rays: int) -> tuple[Float, float]:
     """Directions about z that fill the field or, where it is narrower, the beam about its own axis; each solid angle."""
-    reach = illumination.half_angle_rad * (_GAUSSIAN_REACH if illumination.profile == "gaussian" else 1.0)
+    spec = lamp.illumination
+    reach = spec.half_angle_rad * (_GAUSSIAN_REACH if spec.profile == "gaussian" else 1.0)
     if reach >= field_rad:
         return sunflower_cone(field_rad, rays)
     local, solid_angle = sunflower_cone(reach, rays)
-    if any(illumination.offset_rad):
-        local = beam_rotation(illumination.offset_rad) @ local
+    if any(spec.offset_rad):
+        local = beam_rotation(spec.offset_rad) @ local
     return local, solid_angle
 
 

@@ -8,7 +8,7 @@ The ramp. With light turned back once, at r, and scattered forward any number of
 
     dN/dr = K b ∫_F [β̃(π) I(θ) + β̄(π, 2br) (I ⊗ h₂)(θ)] H(r_target(θ) − r) dΩ · e^{−2cr}/r²,     τ = 2 n_g r/c,
 
-h₂ the halo of both ways, β̄ the mean turn of light that arrives askew (`scatter_ramp`); h = 0 is single scattering. It is
+h₂ the halo of both ways, β̄ the mean turn of light that arrives askew (`water.ramp`); h = 0 is single scattering. It is
 summed over cells of range, short ones near the lens, where most of its light comes from.
 
 Left out, as by the gated rung: delay of scattered light, two turns by large angles, scattered light's angle on the surface.
@@ -28,12 +28,9 @@ from ...optics.water.beam import BeamHalo, tabulate_beam_halo
 from ...optics.water.halo import softened_phase
 from ...optics.water.phase_forms import PhaseFunction, phase_density
 from ...scenes.medium_index import group_index
-from ...scenes.rigs.parts import Illumination
 from ...scenes.scene import Scene
-from ..gated.scatter import phase_of
-from ..rays.echo import beam_angle, beam_intensity
 from ..rays.trace import Tracer
-from ..water.ramp import beam_edge, beam_profile
+from ..water.phase import phase_of
 from .footprint import Footprint, Ranger, ranger_footprint, sunflower_cone, turned
 
 __all__ = ["Ramp", "RangerHalo", "backscatter_ramp", "covering_lattice", "forward_gain", "ranger_light"]
@@ -56,12 +53,12 @@ _MOST_LENGTHS = 60.0
 
 
 def ranger_light(
-    scene: Scene, rays: int, tracer: Tracer | None, rung: str, *, step_m: float, furthest_m: float
+    scene: Scene, ranger: Ranger, rays: int, tracer: Tracer | None, rung: str, *, step_m: float, furthest_m: float
 ) -> tuple[Footprint, Ramp | None]:
-    """(the footprint, the water's ramp) of a waveform or AMCW scene at a rung.
+    """(the footprint, the water's ramp) of a scene at a rung.
 
     Main arguments:
-        rays: of a shot's footprint (the scatter rung takes four times as many).
+        ranger: beam and lens. rays: of a shot's footprint (the scatter rung takes four times as many).
         rung: "direct" or "scatter"; they are the same to the bit where nothing scatters, and there is no ramp.
         step_m, furthest_m: as for `backscatter_ramp`.
 
@@ -71,22 +68,21 @@ def ranger_light(
     tracer = tracer or Tracer(scene)
     phase = phase_of(scene) if rung == "scatter" else None
     if phase is None:
-        return ranger_footprint(scene, rays, tracer), None
-    beam = ranger_footprint(scene, rays, tracer, RangerHalo(scene, phase))
-    return beam, backscatter_ramp(scene, phase, tracer, step_m=step_m, furthest_m=furthest_m)
+        return ranger_footprint(scene, ranger, rays, tracer), None
+    beam = ranger_footprint(scene, ranger, rays, tracer, RangerHalo(scene, ranger, phase))
+    return beam, backscatter_ramp(scene, ranger, phase, tracer, step_m=step_m, furthest_m=furthest_m)
 
 
-def forward_gain(scene: Scene, phase: PhaseFunction, range_m: float, rays: int = 4096) -> float:
+def forward_gain(scene: Scene, ranger: Ranger, phase: PhaseFunction, range_m: float, rays: int = 4096) -> float:
     """Echo with light scattered forward over the echo without, of a wide Lambert sphere around the lens at `range_m`.
 
     ∫(I + I ⊗ h)(1_F + 1_F ⊗ h) dΩ / ∫ I 1_F dΩ: e^{br(1 − B)} where one of beam and field is far wider than h and the other
     narrower, e^{2br(1 − B)} where both are wide; infinite where beam and field do not overlap.
     """
-    ranger = Ranger.of(scene)
     local, solid_angle = covering_lattice(ranger, rays)
-    intensity = beam_intensity(ranger.illumination, local)
+    intensity = ranger.lamp.intensity(local)
     seen = ranger.seen(local)
-    beam, field = RangerHalo(scene, phase).added(local, np.full((1, local.shape[1]), range_m))
+    beam, field = RangerHalo(scene, ranger, phase).added(local, np.full((1, local.shape[1]), range_m))
     straight = float(np.sum(intensity * seen * solid_angle))
     whole = float(np.sum((intensity + beam[0]) * (seen + field[0]) * solid_angle))
     return whole / straight if straight > 0.0 else float("inf")
@@ -99,7 +95,7 @@ def covering_lattice(ranger: Ranger, rays: int, *, field_only: bool = False) -> 
     the logarithm of the angle beyond it. Together they count once: a direction stands for 1/Σ n_k p_k(ω), p_k the density of
     the k-th lattice there (the balance heuristic of Veach 1997, here for even points).
     """
-    spec = ranger.illumination
+    spec = ranger.lamp.illumination
     reach = min(spec.half_angle_rad * (_REACH if spec.profile == "gaussian" else 1.0), _WIDEST_RAD)
     parts, cones = [], []
     for turn, width in ((np.eye(3), min(ranger.field_rad, _WIDEST_RAD)), (beam_rotation(spec.offset_rad), reach)):
@@ -130,8 +126,8 @@ def _rings(inner_rad: float, rays: int) -> Float:
 class RangerHalo:
     """Halos of beam (1/sr) and field of view (share): a `footprint.Halo`. Tabulated over the ranges of its first rays."""
 
-    def __init__(self, scene: Scene, phase: PhaseFunction) -> None:
-        self._ranger, self._phase = Ranger.of(scene), phase
+    def __init__(self, scene: Scene, ranger: Ranger, phase: PhaseFunction) -> None:
+        self._ranger, self._phase = ranger, phase
         self._scattering = scene.medium.scattering_per_m
         self._tables: tuple[BeamHalo, BeamHalo] | None = None
 
@@ -143,17 +139,17 @@ class RangerHalo:
         """(I ⊗ h, 1_F ⊗ h) along directions (3, n) at ranges (shot, n)."""
         # Further away nothing comes back: e^{−2cr} wins over any halo, but must not meet an infinite one.
         reach = np.minimum(range_m, _MOST_LENGTHS / self._scattering)
-        spec: Illumination = self._ranger.illumination
+        lamp = self._ranger.lamp
         if self._tables is None:
             between = (float(reach.min()), float(reach.max()))
             medium = (self._phase, self._scattering, between, 1)
             self._tables = (
-                tabulate_beam_halo(lambda t: beam_profile(spec, t), beam_edge(spec), *medium, angles=_TABLE_ANGLES),
+                tabulate_beam_halo(lamp.profile, lamp.edge_rad, *medium, angles=_TABLE_ANGLES),
                 tabulate_beam_halo(np.ones_like, self._ranger.field_rad, *medium, angles=_TABLE_ANGLES),
             )
         off_field = np.arctan2(np.hypot(local[0], local[1]), local[2])
         beam, field = self._tables
-        return beam.at(beam_angle(spec, local)[None, :], reach), field.at(off_field[None, :], reach)
+        return beam.at(lamp.angle(local)[None, :], reach), field.at(off_field[None, :], reach)
 
 
 @dataclass(frozen=True)
@@ -168,6 +164,7 @@ class Ramp:
 
 def backscatter_ramp(
     scene: Scene,
+    ranger: Ranger,
     phase: PhaseFunction,
     tracer: Tracer,
     *,
@@ -182,7 +179,7 @@ def backscatter_ramp(
     Other arguments:
         forward: count light scattered forward too; without, exactly one scattering.
     """
-    ranger, medium = Ranger.of(scene), scene.medium
+    medium, lamp = scene.medium, ranger.lamp
     local, solid_angle = covering_lattice(ranger, 4 * _RAMP_RAYS, field_only=True)
     limit = np.empty((len(ranger.angle_rad), local.shape[1]))
     for begin in range(0, len(limit), _SHOTS):
@@ -195,17 +192,16 @@ def backscatter_ramp(
     low, high = edge[:-1], edge[1:]
     k = 2.0 * medium.attenuation_per_m
     weight, mean, spread = _cell_moments(low, high, k)
-    spec = ranger.illumination
     turned_back = float(phase_density(phase, np.pi))
-    light = np.repeat((turned_back * beam_intensity(spec, local))[:, None], len(low), axis=1)
+    light = np.repeat((turned_back * lamp.intensity(local))[:, None], len(low), axis=1)
     if forward and edge[-1] > edge[0]:
         halo = tabulate_beam_halo(
-            lambda t: beam_profile(spec, t), beam_edge(spec), phase, medium.scattering_per_m,
-            (nearest, float(edge[-1])), 2, angles=_TABLE_ANGLES,
+            lamp.profile, lamp.edge_rad, phase, medium.scattering_per_m, (nearest, float(edge[-1])), 2,
+            angles=_TABLE_ANGLES,
         )  # fmt: skip
         at = np.geomspace(nearest, float(edge[-1]), 24)
         askew = softened_phase(phase, 2.0 * medium.scattering_per_m * at, np.array([np.pi]))[:, 0]
-        light += halo.at(beam_angle(spec, local)[:, None], mean[None, :]) * np.interp(mean, at, askew)
+        light += halo.at(lamp.angle(local)[:, None], mean[None, :]) * np.interp(mean, at, askew)
     light *= solid_angle[:, None]
     scale = float(ranger.electrons(np.array(medium.scattering_per_m)))
     amplitude = np.empty((len(limit), len(low)))

@@ -1,211 +1,51 @@
-"""The waveform modality: signal = readout(counts(footprint ⊗ pulse ⊗ detector)).
-
-A sample collects the charge of its interval Δ, which is what a gate of that width does: with q the pulse as detector and
-jitter show it, the echo of a ray at τ gives sample k (interval about t_k) the share R(τ − t_k + Δ/2) of its
-photoelectrons, R the correlation of q with a rectangle of width Δ. So the tables and returns of gated stacks serve here.
-"""
+"""The forward model of waveform scenes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...captures.build import make_capture
-from ...optics import pile_up
-from ...optics.constants import C_M_PER_S
-from ...optics.correlation import waveforms
-from ...scenes.declared import declared_rig
-from ...scenes.medium_index import group_index
-from ...scenes.rigs.parts import Detector, Intensifier
-from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, shown_pulse, waveform_rig
-from ...scenes.sampling import response_table
 from ...scenes.scene import Scene
-from ..detector import detect, fixed_pattern
-from ..random import Stage, blocks, generator
-from ..rays.returns import gather_returns, render_stack
-from ..rays.trace import Tracer
-from .capture import ranger_attributes, warn_about
-from .effects import waveform_effects
-from .footprint import Footprint, rays_for
-from .scatter import Ramp, ranger_light
+from ..choice import Choice
+from ..effect import Effect
+from ..model import Expected, Model
+from ..request import Request
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from .footprint import Footprint
 
-__all__ = ["analog_detector", "expected_ramp", "expected_waveform", "generate_waveform", "ramp_reach"]
+__all__ = ["MODEL"]
 
-Float = NDArray[np.float64]
-
-#: Rays within this many σ of the detected pulse become one return.
-_MERGE_SIGMAS = 0.25
-_TABLE_RTOL = 1e-5
+# Each function loads light transport, and so only when light is traced: a request is checked without it.
 
 
-def generate_waveform(
-    scene: Scene,
-    *,
-    seed: int,
-    key: int,
-    rtol: float,
-    truth_electrons: bool,
-    tracer: Tracer | None,
-    rung: str = "direct",
-) -> xr.Dataset:
-    """One waveform capture with its truth. Arguments as for `generate`; called by it."""
-    rig = waveform_rig(scene)
-    rays = rays_for(rtol)
-    beam, ramp = ranger_light(scene, rays, tracer, rung, **ramp_reach(scene))
-    signal, ambient = expected_waveform(scene, beam, seed, key)
-    readout = rig.detector.readout
-    expected = signal + np.float32(ambient)
-    veil = None if ramp is None else expected_ramp(scene, ramp, seed, key)
-    if veil is not None:
-        expected += veil
-    if isinstance(readout, AnalogReadout):
-        detector = analog_detector(readout)
-        counts = detect(
-            np.ascontiguousarray(expected.T)[:, :, None], detector, fixed_pattern(detector, rig.record.shots, 1),
-            seed, key,
-        )[:, :, 0].T  # fmt: skip
-        measured = np.ascontiguousarray(counts)
-    else:
-        measured = _count(expected.astype(np.float64), readout, rig.pulses_per_shot, rig.record.step_s, seed, key)
-    setting = rig.record.start_s + rig.record.step_s * np.arange(rig.record.samples)
-    declared = declared_rig(scene)
-    truth: dict[str, Any] = {
-        "truth_range": beam.axis_range,
-        "truth_amplitude": beam.amplitude.sum(axis=1) * rig.laser.pulse_energy_j * rig.pulses_per_shot,
-        "truth_background": np.full(rig.record.shots, ambient * _pulses_in_a_rate(scene)),
-    }
-    if veil is not None:
-        truth["truth_background"] = (veil.astype(np.float64) + ambient) * _pulses_in_a_rate(scene)
-    if truth_electrons:
-        truth["truth_electrons"] = expected * np.float32(_pulses_in_a_rate(scene))
-    effects = waveform_effects(scene, beam, truth["truth_range"], rung)
-    warn_about(scene, float(signal.max()), f"the record {setting[0]:.4g} … {setting[-1]:.4g} s", effects, rung)
-    return make_capture(
-        "waveform",
-        data={"signal": measured},
-        coords={
-            "time": setting + declared["t0_s"],
-            "pulses": np.full(rig.record.shots, rig.pulses_per_shot, dtype=np.int32),
-            "laser_on": True,
-            "valid": True,
-        },
-        truth=truth,
-        attrs=ranger_attributes(scene, declared, seed, key, rtol, beam.tau.size, effects, truth_electrons, rung),
-    )
+def _choose(scene: Scene, request: Request) -> Choice:
+    from .choose import choose_ranger
+    from .waveform_sizes import waveform_instrument
+
+    return choose_ranger(scene, request.rtol, waveform_instrument(scene))
 
 
-def _pulses_in_a_rate(scene: Scene) -> int:
-    """Pulses of a shot that `expected_waveform` does not hold: single-photon rates are per pulse."""
-    rig = waveform_rig(scene)
-    return rig.pulses_per_shot if isinstance(rig.detector.readout, SinglePhotonReadout) else 1
+def _expect(scene: Scene, request: Request) -> Expected[Footprint]:
+    from .waveform_signal import expect
+
+    return expect(scene, request)
 
 
-def expected_waveform(scene: Scene, beam: Footprint, seed: int, key: int) -> tuple[NDArray[np.float32], float]:
-    """(expected photoelectrons of the echoes (shot, sample), those of ambient and dark in a sample).
+def _read(scene: Scene, expected: Expected[Footprint], request: Request) -> NDArray[np.uint16]:
+    from .waveform_signal import read
 
-    Per shot of an analog detector, per pulse of a single-photon one. Energy fluctuation and timing jitter of the shots
-    are drawn here, because they are common to all samples of a shot.
-    """
-    rig = waveform_rig(scene)
-    order = np.argsort(beam.tau, axis=1, kind="stable")
-    light, tau = (np.take_along_axis(v, order, 1) for v in (beam.amplitude, beam.tau))
-    step, pulses = rig.record.step_s, rig.pulses_per_shot / _pulses_in_a_rate(scene)
-    background = (rig.ambient_e_per_s + rig.detector.dark_e_per_s) * step * pulses
-    return _sampled(scene, light, tau, np.zeros(tau.shape), seed, key), background
+    return read(scene, expected, request)
 
 
-def expected_ramp(scene: Scene, ramp: Ramp, seed: int, key: int) -> NDArray[np.float32]:
-    """Expected photoelectrons of the water's backscatter (shot, sample), with the energy and timing of
-    `expected_waveform`."""
-    shape = ramp.amplitude.shape
-    tau, spread = (np.broadcast_to(v, shape) for v in (ramp.tau, ramp.spread))
-    return _sampled(scene, ramp.amplitude, tau, spread, seed, key)
+def _effects(scene: Scene, expected: Expected[Footprint], rung: str) -> list[Effect]:
+    from .waveform_effects import waveform_effects
+
+    return waveform_effects(scene, expected, rung)
 
 
-def ramp_reach(scene: Scene) -> dict[str, float]:
-    """Cells and end of the ramp that the record can tell: half a σ of the detected pulse, and its last sample."""
-    rig = waveform_rig(scene)
-    pulse, _ = shown_pulse(rig)
-    speed = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
-    sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
-    end = (
-        rig.record.start_s + rig.t0_s + rig.record.step_s * rig.record.samples + 8.0 * (sigma + rig.laser.jitter_shot_s)
-    )
-    return {"step_m": 0.5 * sigma * speed, "furthest_m": max(end, 0.0) * speed}
-
-
-def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, key: int) -> NDArray[np.float32]:
-    """Photoelectrons (shot, sample) of `light` per joule (shot, n) that arrives at `tau` ± `spread`, in ascending order."""
-    rig = waveform_rig(scene)
-    shots, samples, step = rig.record.shots, rig.record.samples, rig.record.step_s
-    pulses = rig.pulses_per_shot / _pulses_in_a_rate(scene)
-    energy, jitter = np.ones(shots), np.zeros(shots)
-    for block, part in blocks(shots):
-        size = part.stop - part.start
-        if rig.laser.energy_fluctuation:
-            draw = generator(seed, key, Stage.ENERGY, block).standard_normal(size)
-            energy[part] = np.maximum(1 + rig.laser.energy_fluctuation * draw, 0.0)
-        if rig.laser.jitter_shot_s:
-            jitter[part] = rig.laser.jitter_shot_s * generator(seed, key, Stage.JITTER, block).standard_normal(size)
-    pulse, delay = shown_pulse(rig)
-    gate = waveforms.RectangularGate(step, 1.0)
-    table = response_table(pulse, gate, _TABLE_RTOL, f"{scene.name}: rig.record.step_s")
-    sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
-    amplitude = light * (energy * pulses * rig.laser.pulse_energy_j)[:, None]
-    owner = np.repeat(np.arange(shots, dtype=np.int64), tau.shape[1])
-    returns, _, _ = gather_returns(
-        shots, owner, amplitude.ravel(), tau.ravel(), spread.ravel(), width_s=_MERGE_SIGMAS * sigma
-    )
-    # The interval opens half a step before the sample's time, and the detector lags the light by `delay`.
-    opening: Float = rig.record.start_s + rig.t0_s - delay + step * (np.arange(samples, dtype=np.float64) - 0.5)
-    out = np.empty((samples, shots), dtype=np.float32)
-    render_stack(returns, table, opening, np.ones(samples), jitter, out)
-    return np.maximum(out.T, 0.0)
-
-
-def analog_detector(readout: AnalogReadout) -> Detector:
-    """The readout as a one-pixel sensor of the gated detector chain: no fixed pattern, no own dark current."""
-    tube = readout.avalanche
-    return Detector(
-        dark_current_e_per_s=0.0,
-        exposure_s=1.0,
-        read_noise_e=readout.read_noise_e,
-        prnu=0.0,
-        dsnu_e=0.0,
-        gain_dn_per_e=readout.gain_dn_per_e,
-        offset_dn=readout.offset_dn,
-        full_well_e=readout.full_well_e,
-        adc_bits=readout.adc_bits,
-        fixed_pattern_seed=0,
-        intensifier=None
-        if tube is None
-        else Intensifier(gain=tube.gain, excess_noise_factor=tube.excess_noise_factor, phosphor_sigma_px=0.0),
-    )
-
-
-def _count(
-    rate: Float, readout: SinglePhotonReadout, pulses: int, step_s: float, seed: int, key: int
-) -> NDArray[np.uint16]:
-    """Histograms (shot, bin) of counts: n_k ~ Binomial(live_k, 1 − exp(−λ_k)).
-
-    Pulses are exchangeable, so that drawing the number of live ones that count is drawing every pulse.
-    """
-    shots, bins = rate.shape
-    dead = pile_up.dead_bins(readout.dead_time_s, step_s, bins)
-    chance = -np.expm1(-rate)
-    counts = np.zeros((shots, bins), dtype=np.int64)
-    for block, part in blocks(shots):
-        draw = generator(seed, key, Stage.PHOTONS, block)
-        live = np.full(part.stop - part.start, pulses, dtype=np.int64)
-        for k in range(bins):
-            if dead > 0 and k > dead:
-                live += counts[part, k - dead - 1]  # their dead time is over
-            counts[part, k] = draw.binomial(live, chance[part, k])
-            if dead > 0:
-                live = live - counts[part, k]
-    return counts.astype(np.uint16)
+MODEL: Model[Footprint] = Model(
+    "waveform", rungs=("direct", "scatter"), expect=_expect, read=_read, effects=_effects, choose=_choose, clock="time"
+)

@@ -15,7 +15,7 @@ from typing import Any
 
 from ...scenes.errors import InputError
 
-__all__ = ["load", "mitsuba", "wheel_files"]
+__all__ = ["load", "mitsuba", "opaque", "wheel_files"]
 
 _WHEEL = "karellen-llvm-core"
 _RUNTIME = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
@@ -147,3 +147,10 @@ def mitsuba() -> Any:
     import mitsuba as mi
 
     return mi
+
+
+def opaque(value: float) -> Any:
+    """A number that compiled code takes as data, so that another value does not compile it anew."""
+    import drjit as dr
+
+    return dr.opaque(mitsuba().Float, value)

@@ -12,27 +12,27 @@ from ...optics.constants import C_M_PER_S
 from ...optics.water.delay import SHARES, DelayNodes, delay_nodes, halo_ratio
 from ...optics.water.phase_forms import PhaseFunction
 from ...scenes.medium_index import group_index
-from ...scenes.rigs.gated import gated_rig
-from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
-from ..rays.echo import beam_intensity
+from ..rays.lamp import RoundBeam
 from ..rays.returns import Returns
 from ..rays.trace import pixel_directions
+from ..rays.view import View
 
 __all__ = ["Delays", "exact_over_small_angle", "lit_half_angle", "viewed_half_angle"]
 
 Float = NDArray[np.float64]
 
 
-def lit_half_angle(scene: Scene) -> float:
+def lit_half_angle(beam: RoundBeam) -> float:
     """Half angle [rad] of the beam."""
-    return min(gated_rig(scene).laser.illumination.half_angle_rad, 0.25 * np.pi)
+    return min(beam.half_angle_rad, 0.25 * np.pi)
 
 
-def viewed_half_angle(scene: Scene, camera: Camera) -> float:
-    """Half angle [rad] of what is lit and in the view of `camera`."""
-    view = np.arctan(0.5 * max(camera.rows, camera.cols) * camera.pixel_pitch_m / camera.focal_length_m)
-    return min(float(view), lit_half_angle(scene))
+def viewed_half_angle(view: View[RoundBeam]) -> float:
+    """Half angle [rad] of what is lit and in view."""
+    camera = view.camera
+    half = np.arctan(0.5 * max(camera.rows, camera.cols) * camera.pixel_pitch_m / camera.focal_length_m)
+    return min(float(half), lit_half_angle(view.lamp))
 
 
 def exact_over_small_angle(
@@ -56,27 +56,25 @@ class Delays:
     per_metre_s: float
 
     @staticmethod
-    def of(scene: Scene, phase: PhaseFunction, camera: Camera, range_m: tuple[float, float]) -> Delays:
-        """Delays for ranges low … high, as the halo of the image of `camera` needs them."""
-        medium, lit = scene.medium, lit_half_angle(scene)
+    def of(scene: Scene, view: View[RoundBeam], phase: PhaseFunction, range_m: tuple[float, float]) -> Delays:
+        """Delays for ranges low … high, as the halo of the view's image needs them."""
+        medium, lit = scene.medium, lit_half_angle(view.lamp)
         water = (phase, medium.scattering_per_m, medium.attenuation_per_m, range_m)
         return Delays(
             delay_nodes(*water, lit),
-            delay_nodes(*water, viewed_half_angle(scene, camera), lit),
-            group_index(medium, gated_rig(scene).laser.wavelength_m) / C_M_PER_S,
+            delay_nodes(*water, viewed_half_angle(view), lit),
+            group_index(medium, view.wavelength_m) / C_M_PER_S,
         )
 
-    def turned_share(
-        self, scene: Scene, outbound: Callable[[Float, Float], Float], camera: Camera, range_m: Float
-    ) -> Float:
-        """X/(I + X) (row, col) of an image: the share of the light on the target that was turned on its way out."""
-        row, col = (a.ravel() for a in np.mgrid[: camera.rows, : camera.cols])
-        point = pixel_directions(camera, row, col) * range_m.ravel()
-        ray = point - np.asarray(gated_rig(scene).laser.position_m)[:, None]
+    def turned_share(self, view: View[RoundBeam], outbound: Callable[[Float, Float], Float], range_m: Float) -> Float:
+        """X/(I + X) (row, col) of the view's image: the share of the light on the target that was turned on its way out."""
+        row, col = (a.ravel() for a in np.mgrid[: view.camera.rows, : view.camera.cols])
+        point = pixel_directions(view.camera, row, col) * range_m.ravel()
+        ray = point - np.asarray(view.lamp.position_m)[:, None]
         distance = np.sqrt(np.einsum("in,in->n", ray, ray))
         beam = ray / distance
         halo = outbound(beam, distance)
-        total = halo + beam_intensity(gated_rig(scene).laser.illumination, beam)
+        total = halo + view.lamp.intensity(beam)
         return np.asarray(halo / np.maximum(total, 1e-300)).reshape(range_m.shape)
 
     def own(self, returns: Returns, turned: Float) -> Returns:

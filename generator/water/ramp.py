@@ -12,11 +12,11 @@ are even in arrival time, so that R is tabulated once for all pixels.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optics import illumination, ladar
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation.response import Table, lookup
 from ...optics.jit import kernel, prange
@@ -24,12 +24,12 @@ from ...optics.water.beam import BeamHalo, halo_value, tabulate_beam_halo
 from ...optics.water.halo import softened_phase
 from ...optics.water.phase_forms import PhaseFunction, phase_density
 from ...scenes.medium_index import group_index
-from ...scenes.rigs.gated import GatedRig, gated_rig
-from ...scenes.rigs.parts import Illumination
 from ...scenes.scene import Scene
+from ..rays.lamp import Lamp, RoundBeam
 from ..rays.trace import pixel_directions
+from ..rays.view import View
 
-__all__ = ["backscatter_electrons", "beam_edge", "beam_profile", "nearest_path_m"]
+__all__ = ["backscatter_electrons", "nearest_path_m"]
 
 Float = NDArray[np.float64]
 
@@ -47,24 +47,43 @@ _LEVEL = 0.1
 _MOST_LEVELS = 48
 
 
-def beam_edge(spec: Illumination) -> float:
-    """Angle [rad] beyond which the beam has no light (a Gaussian: below 2e-8 of its peak)."""
-    return min(3.0 * spec.half_angle_rad if spec.profile == "gaussian" else spec.half_angle_rad, 0.5 * np.pi)
-
-
-def beam_profile(spec: Illumination, theta_rad: Float) -> Float:
-    """I(θ) of the beam, 1/sr."""
-    return illumination.beam_intensity(spec.profile, theta_rad, spec.half_angle_rad, spec.radial_value)
-
-
-def nearest_path_m(rig: GatedRig) -> float:
+def nearest_path_m(view: View[Lamp]) -> float:
     """Shortest path lamp-water-camera that counts, m: where lamp and aperture (f/F) are no longer points."""
-    baseline = float(np.linalg.norm(rig.laser.position_m))
-    return baseline + 2.0 * rig.camera.focal_length_m / rig.camera.f_number
+    baseline = float(np.linalg.norm(view.lamp.position_m))
+    return baseline + 2.0 * view.camera.focal_length_m / view.camera.f_number
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """What the slices see. `tables`, `gate`: R of every gate, and the gate of each slice; `delay_s`, `scale`: optical delay and
+    relative energy of each slice; `late`: extra delay of the gate, of each pixel or of all (1); `speed` of light in the
+    medium, m/s; `window`: first and last arrival time that any slice sees at the gate's own opening; `furthest`: last
+    arrival time of light from before the targets."""
+
+    tables: Sequence[Table]
+    gate: NDArray[np.int32]
+    delay_s: Float
+    scale: Float
+    late: Float
+    speed: float
+    window: tuple[float, float]
+    furthest: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Water:
+    """What the kernel needs to know of the beam in the water: `halo` of light scattered forward on both ways; ln β̃ of the turn,
+    even in ln ψ, and `soft`, ln β̄ (path, turn) of light that arrives askew."""
+
+    halo: BeamHalo
+    log_phase: Float
+    per_turn: float
+    soft: Float
 
 
 def backscatter_electrons(
     scene: Scene,
+    view: View[RoundBeam],
     phase: PhaseFunction,
     tables: Sequence[Table],
     gate: NDArray[np.int32],
@@ -85,68 +104,81 @@ def backscatter_electrons(
     Other arguments:
         forward: also count light scattered forward on its ways (`scatter` rung); without, exactly one scattering.
     """
-    rig, medium = gated_rig(scene), scene.medium
-    camera, laser = rig.camera, rig.laser
+    medium, camera = scene.medium, view.camera
     rows, cols = camera.rows, camera.cols
     out = np.zeros((len(delay_s), rows * cols), dtype=np.float32)
-    speed = C_M_PER_S / group_index(medium, laser.wavelength_m)
+    speed = C_M_PER_S / group_index(medium, view.wavelength_m)
     lit = np.flatnonzero(scale > 0)
     if medium.scattering_per_m == 0 or not len(lit):
         return out.reshape(-1, rows, cols)
     late = np.zeros(1) if offset_s is None else np.asarray(offset_s, np.float64).ravel()
-    reach = target_range_m + np.abs(target_range_m) + np.linalg.norm(laser.position_m)
+    reach = target_range_m + np.abs(target_range_m) + np.linalg.norm(view.lamp.position_m)
     furthest = float(np.max(reach)) / speed if np.isfinite(reach).all() else np.inf
-    seen = _seen(tables, gate[lit], delay_s[lit])
+    window = _seen(tables, gate[lit], delay_s[lit])
     # Arrival times that any pixel can see: where the gate opens later, so does what it shows.
-    begin, end = max(seen[0] + late.min(), nearest_path_m(rig) / speed), min(seen[1] + late.max(), furthest)
+    begin = max(window[0] + late.min(), nearest_path_m(view) / speed)
+    end = min(window[1] + late.max(), furthest)
     if end <= begin:
         return out.reshape(-1, rows, cols)
+    sight = _Sight(tables, gate, delay_s, scale, late, speed, window, furthest)
+    water = _water(scene, view, phase, (0.5 * max(begin * speed, 1e-3), 0.5 * end * speed), forward)
     direction = pixel_directions(camera, *(a.ravel() for a in np.mgrid[:rows, :cols]))
-    per_radiance = rig.pulses_per_slice * ladar.pixel_photoelectrons(
-        pulse_energy_j=laser.pulse_energy_j, intensity_per_sr=1.0, lamp_range_m=1.0, camera_range_m=1.0,
-        attenuation_per_m=0.0, response_per_sr=1.0, pixel_area_m2=camera.pixel_pitch_m**2, f_number=camera.f_number,
-        cos_field=direction[2] if camera.vignetting == "cos4" else 1.0, transmission=camera.transmission,
-        quantum_efficiency=camera.quantum_efficiency, wavelength_m=laser.wavelength_m,
-    )  # fmt: skip
-    per_radiance = np.broadcast_to(per_radiance, rows * cols)
-    spec = laser.illumination
-    edge = beam_edge(spec)
-    halo, soft = _flat_halo(), np.zeros((2, 2))
-    if forward:
-        nearest = 0.5 * max(begin * speed, 1e-3)
-        halo = tabulate_beam_halo(
-            lambda t: beam_profile(spec, t), edge, phase, medium.scattering_per_m, (nearest, 0.5 * end * speed), 2
-        )
-        lengths = np.exp(halo.log_range_start + halo.log_range_step * np.arange(halo.log_shape.shape[0]))
-        soft = softened_phase(phase, 2.0 * medium.scattering_per_m * lengths, np.linspace(0.0, np.pi, _SOFT_NODES))
-    turn = np.geomspace(_SMALLEST_TURN_RAD, np.pi, _ANGLE_NODES)
+    per_radiance = np.broadcast_to(view.electrons(cos_field=view.falloff(direction[2])), rows * cols)
     limit = np.where(np.isfinite(target_range_m), target_range_m, np.inf).ravel()
     level, which = _levels(late, _rise_s(tables))
     for number, shift in enumerate(level):
         mine = np.flatnonzero(which == number) if late.size > 1 else np.arange(rows * cols)
-        if mine.size == 0:
-            continue
-        left = late[mine] - shift if late.size > 1 else np.zeros(mine.size)
-        low = max(seen[0], nearest_path_m(rig) / speed - shift - left.max())
-        high = min(seen[1], furthest - shift - left.min())
-        if high <= low:
-            continue
-        tau, step, weight = _nodes(rig, tables, gate, delay_s, scale, (low, high), shift)
-        shown = weight != 0
-        first = np.where(shown.any(axis=1), shown.argmax(axis=1), 0)
-        last = np.where(shown.any(axis=1), tau.size - shown[:, ::-1].argmax(axis=1), 0)
-        part = np.zeros((len(delay_s), mine.size), dtype=np.float32)
-        _ramp(
-            np.ascontiguousarray(direction[:, mine]), np.asarray(laser.position_m),
-            illumination.beam_axis(spec.offset_rad), per_radiance[mine] + 0.0, limit[mine], shift + left, tau, step,
-            speed, weight, first, last, beam_profile(spec, np.linspace(0.0, edge, 4096)), edge,
-            np.log(np.maximum(phase_density(phase, turn), 1e-300)), np.log(_SMALLEST_TURN_RAD),
-            1.0 / np.log(turn[1] / turn[0]), medium.scattering_per_m, medium.attenuation_per_m, nearest_path_m(rig),
-            forward, halo.log_range_start, 1.0 / halo.log_range_step, 1.0 / halo.angle_scale_rad,
-            1.0 / halo.angle_step, halo.rate_per_m, halo.log_shape, np.log(np.maximum(soft, 1e-300)), part,
-        )  # fmt: skip
-        out[:, mine] = part
+        if mine.size:
+            rays = (np.ascontiguousarray(direction[:, mine]), per_radiance[mine] + 0.0, limit[mine])
+            left = late[mine] - shift if late.size > 1 else np.zeros(mine.size)
+            _add_level(scene, view, sight, water, rays, shift, left, forward, mine, out)
     return out.reshape(-1, rows, cols)
+
+
+def _water(
+    scene: Scene, view: View[RoundBeam], phase: PhaseFunction, range_m: tuple[float, float], forward: bool
+) -> _Water:
+    """Tables of the beam in the water between two ranges; without `forward` nothing is scattered but once."""
+    b, beam = scene.medium.scattering_per_m, view.lamp
+    halo, soft = _flat_halo(), np.zeros((2, 2))
+    if forward:
+        halo = tabulate_beam_halo(beam.profile, beam.edge_rad, phase, b, range_m, 2)
+        lengths = np.exp(halo.log_range_start + halo.log_range_step * np.arange(halo.log_shape.shape[0]))
+        soft = softened_phase(phase, 2.0 * b * lengths, np.linspace(0.0, np.pi, _SOFT_NODES))
+    turn = np.geomspace(_SMALLEST_TURN_RAD, np.pi, _ANGLE_NODES)
+    return _Water(
+        halo, np.log(np.maximum(phase_density(phase, turn), 1e-300)), 1.0 / np.log(turn[1] / turn[0]),
+        np.log(np.maximum(soft, 1e-300)),
+    )  # fmt: skip
+
+
+def _add_level(
+    scene: Scene, view: View[RoundBeam], sight: _Sight, water: _Water, rays: tuple[Float, Float, Float], shift: float,
+    left: Float, forward: bool, pixel: NDArray[np.int64], out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Write the pixels whose gates open within one level of the offset, `shift` + `left`, into `out` (slice, pixel).
+
+    `rays` of these pixels: directions (3, n), photoelectrons per radiance (n), ranges at which the rays end (n).
+    """
+    direction, per_radiance, limit = rays
+    low = max(sight.window[0], nearest_path_m(view) / sight.speed - shift - left.max())
+    high = min(sight.window[1], sight.furthest - shift - left.min())
+    if high <= low:
+        return
+    tau, step, weight = _nodes(view, sight, (low, high), shift)
+    shown = weight != 0
+    first = np.where(shown.any(axis=1), shown.argmax(axis=1), 0)
+    last = np.where(shown.any(axis=1), tau.size - shown[:, ::-1].argmax(axis=1), 0)
+    part = np.zeros((len(sight.delay_s), pixel.size), dtype=np.float32)
+    beam, halo, medium = view.lamp, water.halo, scene.medium
+    _ramp(
+        direction, np.asarray(beam.position_m), beam.axis, per_radiance, limit, shift + left, tau, step, sight.speed,
+        weight, first, last, beam.profile(np.linspace(0.0, beam.edge_rad, 4096)), beam.edge_rad, water.log_phase,
+        np.log(_SMALLEST_TURN_RAD), water.per_turn, medium.scattering_per_m, medium.attenuation_per_m,
+        nearest_path_m(view), forward, halo.log_range_start, 1.0 / halo.log_range_step, 1.0 / halo.angle_scale_rad,
+        1.0 / halo.angle_step, halo.rate_per_m, halo.log_shape, water.soft, part,
+    )  # fmt: skip
+    out[:, pixel] = part
 
 
 def _seen(tables: Sequence[Table], gate: NDArray[np.int32], delay_s: Float) -> tuple[float, float]:
@@ -164,25 +196,23 @@ def _levels(late: Float, rise_s: float) -> tuple[Float, NDArray[np.int64]]:
     return level, np.clip((late - late.min()) * (count / max(spread, 1e-300)), 0, count - 1).astype(np.int64)
 
 
-def _nodes(
-    rig: GatedRig, tables: Sequence[Table], gate: NDArray[np.int32], delay_s: Float, scale: Float,
-    between: tuple[float, float], shift: float,
-) -> tuple[Float, float, Float]:  # fmt: skip
+def _nodes(view: View[Lamp], sight: _Sight, between: tuple[float, float], shift: float) -> tuple[Float, float, Float]:
     """Nodes of gate time, their step, and what each slice shows of the light in each node's cell (slice, node); the light
     of a node arrives by `shift` later."""
     begin, end = between
-    count = int(np.clip(np.ceil((end - begin) * _NODES_PER_RISE / _rise_s(tables)), 16, _MOST_NODES))
+    count = int(np.clip(np.ceil((end - begin) * _NODES_PER_RISE / _rise_s(sight.tables)), 16, _MOST_NODES))
     step = (end - begin) / count
     tau: Float = begin + step * (np.arange(count, dtype=np.float64) + 0.5)
     # Even shares of a cell's light: lamp and camera at one point, it falls as 1/path².
     inside = tau[:, None] + step * _IN_CELL
-    if not any(rig.laser.position_m):
+    if view.coaxial:
         arrival = tau + shift
         near, far = np.maximum(arrival - 0.5 * step, 1e-3 * step), np.maximum(arrival + 0.5 * step, 2e-3 * step)
         inside = 1.0 / ((0.5 - _IN_CELL) / near[:, None] + (0.5 + _IN_CELL) / far[:, None]) - shift
-    weight = np.zeros((len(delay_s), count))
-    for k in np.flatnonzero(scale > 0):
-        weight[k] = lookup(tables[gate[k]], inside - delay_s[k]).mean(axis=1) * scale[k] * step
+    weight = np.zeros((len(sight.delay_s), count))
+    for k in np.flatnonzero(sight.scale > 0):
+        seen = lookup(sight.tables[sight.gate[k]], inside - sight.delay_s[k])
+        weight[k] = seen.mean(axis=1) * sight.scale[k] * step
     return tau, step, weight
 
 

@@ -79,10 +79,10 @@ def _albedo_at(
 def albedo_limit(
     response: Callable[[Angles], Array], *, largest_theta_rad: float = 1.553343, samples: int = 33
 ) -> tuple[float, float]:
-    """The largest hemispherical albedo over incidences 0 … `largest_theta_rad` (89° unless told), and its θi [rad].
+    """The largest hemispherical albedo over incidences 0 … `largest_theta_rad` (89° by default), and its θi [rad].
 
     Samples are even in tanθ/(1 + tanθ), so both the normal and grazing are covered. Stated to a limit angle because
-    some laws (the seed's with m < 1 or s > 0, read as radiance) exceed any bound at 90°.
+    some laws (Guo et al. 2017, Eq. 4, with m < 1 or s > 0, read as radiance) exceed any bound at 90°.
     """
     top = np.tan(largest_theta_rad)
     share = np.linspace(0.0, top / (1.0 + top), samples)

@@ -1,4 +1,4 @@
-"""The reflection law of seed document 000, Eq. 4, in named conventions.
+"""The reflection law of Guo et al. 2017, Eq. 4, in named conventions.
 
     K_S/cos⁶θ · exp(−tan²θ/s²) + K_D cosᵐθ
 
@@ -19,8 +19,8 @@ __all__ = ["FIGURE_2_SURFACES", "Convention", "chua", "chua_printed"]
 
 Convention = Literal["as-printed-radiance", "brdf", "reciprocal"]
 
-#: Four surfaces as in the seed's Figure 2: the two extremes and two mixtures. The text gives no numbers, only that they
-#: differ in K_S/K_D; the values here are ours, chosen to peak at one at θ = 0.
+#: Four surfaces as in Figure 2 of Guo et al. 2017: the two extremes and two mixtures. The text gives no numbers, only
+#: that they differ in K_S/K_D; the values here are chosen to peak at one at θ = 0.
 FIGURE_2_SURFACES: dict[str, dict[str, float]] = {
     "pure specular": {"k_s": 1.0, "k_d": 0.0, "slope": 0.3, "diffusivity": 1.0},
     "mixed, mostly specular": {"k_s": 0.7, "k_d": 0.3, "slope": 0.3, "diffusivity": 1.0},
@@ -58,9 +58,9 @@ def chua(
             "brdf" for a coaxial rig, reciprocal and defined for any pair of directions.
 
     The first two are laws of one angle; apart from the coaxial direction they are evaluated at the angle of incidence,
-    whatever the eye's direction, and are then not reciprocal. Energy: `brdf_albedo.albedo_limit` tells the largest
+    whatever the eye's direction, and are then not reciprocal. Energy: `albedo.albedo_limit` gives the largest
     hemispherical albedo. Raises ValueError for another convention.
-    Source: seed document 000, Eq. 4 (from Chua et al., Sensors 17(9):2031, 2017); reciprocal form: this project.
+    Source: Guo et al. 2017, Eq. 4 (from Chua et al., Sensors 17(9):2031, 2017); reciprocal form: this project.
     """
     above = lit(angles)
     ci = np.where(above, angles.cos_i, 1.0)

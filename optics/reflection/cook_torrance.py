@@ -66,7 +66,7 @@ def cook_torrance(
 
     Energy: the facets alone return at most 1 at any angle (light that facets send to other facets is lost), so
     kd + the facets' albedo ≤ 1 must hold; at grazing incidence F tends to 1, so a bright base under facets can exceed
-    unity there: `brdf_albedo.albedo_limit` tells. f is reciprocal.
+    unity there: see `albedo.albedo_limit`. f is reciprocal.
     Sources: R. L. Cook and K. E. Torrance, ACM Trans. Graphics 1(1), 1982; E. Heitz, JCGT 3(2), 2014.
     """
     above = lit(angles)

@@ -1,0 +1,120 @@
+"""The expectation of a gated capture: direct light, and what the rung adds of scattered and multiply reflected light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...scenes.rigs.gated import gated_rig
+from ...scenes.scene import Scene
+from ..effect import no_light
+from ..model import Expected
+from ..request import Request
+from .direct import DirectScene, render_direct
+from .full import SAMPLING, add_remainder
+from .scatter import ScatterScene, forward_electrons, halo_electrons, render_scatter, scattered_electrons
+from .screen import behind_screen
+from .stack import expected_electrons, slice_coordinates, slice_settings
+
+__all__ = ["expect"]
+
+Float = NDArray[np.float64]
+Stack = NDArray[np.float32]
+
+#: The halo of the full rung's truth is not sampled more finely than this.
+_HALO_RTOL = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """The light of a capture. `electrons` (slice, row, col): all of it, without dark current; `background`: what tells of other
+    ranges than the pixel's own, (slice, row, col), or (slice) where it is even over the image."""
+
+    electrons: Stack
+    background: NDArray[Any]
+    direct: DirectScene
+    scatter: ScatterScene | None
+    warnings: tuple[str, ...]
+    traced: dict[str, Any]
+    truth: dict[str, Any]
+
+
+def expect(scene: Scene, request: Request) -> Expected[DirectScene]:
+    """Photoelectrons, coordinates and truth at the request's rung."""
+    coords = slice_coordinates(scene)
+    light = _light(scene, request, coords)
+    truth = _truth(scene, request, light)
+    kept = {name: value for name, value in coords.items() if name not in ("setting", "actual")}
+    return Expected(
+        light.electrons, kept | {"delay": coords["setting"]}, truth, light.direct.rays, light.direct, light.warnings,
+        light.traced,
+    )  # fmt: skip
+
+
+def _light(scene: Scene, request: Request, coords: dict[str, Any]) -> _Light:
+    """Direct light; then the screen's, the water's or the traced remainder, which belong to the background."""
+    seed, key, rung = request.seed, request.capture_key, request.rung
+    # Rays and paths of the full rung share its error.
+    share = SAMPLING * request.error if rung == "full" else request.error
+    scatter = render_scatter(scene, request.error, request.tracer) if rung == "scatter" else None
+    direct = render_direct(scene, share, request.tracer) if scatter is None else scatter.direct
+    screen: DirectScene | None = None
+    if gated_rig(scene).screen is not None:
+        direct, screen = behind_screen(scene, direct, share)
+    light, ambient = expected_electrons(scene, direct, coords, seed, key, share)
+    warnings = _dark(scene, light, ambient, coords)
+    level = ambient.astype(np.float32)[:, None, None]
+    if rung == "full":
+        settings = slice_settings(scene, coords, seed, key)
+        background, traced, truth = add_remainder(
+            scene, light, ambient, coords["gate"], *settings, share, seed, key, direct.truth, request.truth_components
+        )
+        warnings += _short(scene, traced, request.error)
+        return _Light(light, background, direct, None, warnings, traced, dict(direct.truth) | truth)
+    if screen is not None:
+        veil = expected_electrons(scene, screen, coords, seed, key)[0] - level
+    elif scatter is not None and scatter.phase is not None:
+        veil = scattered_electrons(scene, scatter, coords["gate"], *slice_settings(scene, coords, seed, key))
+    else:
+        return _Light(light, ambient, direct, scatter, warnings, {}, dict(direct.truth))
+    light += veil
+    return _Light(light, level + veil, direct, scatter, warnings, {}, dict(direct.truth))
+
+
+def _truth(scene: Scene, request: Request, light: _Light) -> dict[str, Any]:
+    """Truth of the direct light, and the halo, the background and the expectation, each with the sensor's dark current."""
+    detector = gated_rig(scene).detector
+    truth = light.truth
+    if light.scatter is not None and light.scatter.phase is not None:
+        truth["truth_halo"] = halo_electrons(light.scatter)
+    elif request.rung == "full" and scene.medium.scattering_per_m > 0:
+        own = np.asarray(light.direct.truth["truth_amplitude"], np.float64)
+        truth["truth_halo"] = forward_electrons(scene, own, max(request.error, _HALO_RTOL), request.tracer)
+    # Behind an intensifier dark electrons join after the gain: they are no photoelectrons.
+    dark = detector.dark_current_e_per_s * detector.exposure_s if detector.intensifier is None else 0.0
+    truth["truth_background"] = light.background + light.background.dtype.type(dark)
+    if request.truth_electrons:
+        truth["truth_electrons"] = light.electrons + np.float32(dark)
+    return truth
+
+
+def _dark(scene: Scene, light: Stack, ambient: Float, coords: dict[str, Any]) -> tuple[str, ...]:
+    """The warning of a stack without signal; empty where there is some."""
+    signal = light.max(axis=(1, 2)) - ambient
+    if signal.max() > 0:
+        return ()
+    window = coords["actual"][coords["laser_on"]]
+    return (no_light(scene, "slice", f"every gate (delays {window.min():.4g} … {window.max():.4g} s)"),)
+
+
+def _short(scene: Scene, traced: dict[str, Any], rtol: float) -> tuple[str, ...]:
+    """The warning of too few paths; empty where they suffice."""
+    if traced["reached"]:
+        return ()
+    return (
+        f"{scene.name}: {traced['samples_per_pixel']} paths per pixel leave a standard error of "
+        f"{traced['standard_error']:.2g} of the stack, more than rtol {rtol:g}.",
+    )
