@@ -14,6 +14,8 @@ from scipy.special import expn
 
 from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, generate
+from beambench.generator.ranger.amcw_samples import amcw_ranger
+from beambench.generator.ranger.footprint import Ranger
 from beambench.generator.ranger.scatter import backscatter_ramp, forward_gain
 from beambench.generator.ranger.waveform_signal import waveform_ranger
 from beambench.generator.rays.trace import Tracer
@@ -85,9 +87,8 @@ def test_the_gain_has_its_limits() -> None:
     assert np.isinf(forward_gain(aside, waveform_ranger(aside), aside.medium.phase, r))  # type: ignore[arg-type]
 
 
-def per_joule(scene: Scene) -> float:
+def per_joule(scene: Scene, ranger: Ranger) -> float:
     """K b β̃(π) ∫_F I dΩ of a beam that lies in the field: photoelectrons per joule and metre of e^{−2cr}/r²."""
-    ranger = waveform_ranger(scene)
     area = np.pi * ranger.receiver.aperture_diameter_m**2 / 4
     joule = area * ranger.receiver.transmission * ranger.quantum_efficiency
     back = float(phase_density(scene.medium.phase, np.pi))  # type: ignore[arg-type]
@@ -101,7 +102,7 @@ def test_single_backscatter_is_the_exponential_integral() -> None:
         forward=False,
     )  # fmt: skip
     near, k = 0.025, 2 * 0.4
-    exact = per_joule(scene) * (expn(2, k * near) / near - expn(2, k * 4.0) / 4.0)
+    exact = per_joule(scene, waveform_ranger(scene)) * (expn(2, k * near) / near - expn(2, k * 4.0) / 4.0)
     # The wall is flat and the cone 1 mrad: r differs by 1e-6; the lattice holds the cone's solid angle to 1e-3.
     np.testing.assert_allclose(ramp.amplitude.sum(axis=1), exact, rtol=2e-3)
     index = group_index(scene.medium, 532e-9)
@@ -134,7 +135,7 @@ def test_the_waveform_of_the_ramp_is_its_convolution() -> None:
         centre = (edges[sample] + 2.5e-10) * C_M_PER_S / (2 * index)
         low, high = max(centre - 0.35, 0.025), min(centre + 0.35, 4.0)
         exact = quad(lambda r, e=edges[sample]: np.exp(-k * r) / r**2 * share(r, e), low, high, limit=100)[0]  # type: ignore[misc]
-        exact *= per_joule(scene) * rig.laser.pulse_energy_j
+        exact *= per_joule(scene, waveform_ranger(scene)) * rig.laser.pulse_energy_j
         # Half σ cells, two points each: 1e-3; the cell that the wall cuts errs most.
         assert veil[sample] == pytest.approx(exact, rel=6e-3, abs=2e-3 * float(veil.max())), sample
     np.testing.assert_allclose(
@@ -156,7 +157,7 @@ def test_amcw_sees_the_fourier_component_of_the_ramp() -> None:
     veil = with_ramp["truth_electrons"].values[0].astype(float) - gain * echo["truth_electrons"].values[0]
     turn = np.exp(1j * with_ramp["phase"].values)
     index, k = group_index(scene.medium, 532e-9), 2 * 0.4
-    watts = per_joule(scene) * rig.laser.power_w * rig.modulation.integration_s
+    watts = per_joule(scene, amcw_ranger(scene)) * rig.laser.power_w * rig.modulation.integration_s
     depth = 0.5 * rig.laser.modulation_depth * rig.detector.demodulation_contrast
     for number, frequency in enumerate(rig.modulation.frequencies_hz):
         omega = 2 * np.pi * frequency * 2 * index / C_M_PER_S

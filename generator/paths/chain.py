@@ -49,6 +49,21 @@ def chance(depth: Any) -> Any:
     return dr.select(depth < 0.05, series, 1.0 - dr.exp(-depth))
 
 
+@dataclass(frozen=True)
+class _Chain:
+    """A chain from a lamp at the origin that shines along z, up to its way out of the ball of radius r. `place` and `travel` of the
+    way out, `length`, `events`; `first`: distance, direction after it and density of the first turn; `good`: whether it
+    leaves the ball within the room; `keep`: random numbers that follow the same chain again."""
+
+    place: Any
+    travel: Any
+    length: Any
+    events: Any
+    first: tuple[Any, Any, Any]
+    good: Any
+    keep: Any
+
+
 def arrive(
     world: PathWorld, rng: Any, x: Any, away: Any, room: Any, start_ray: Any, active: Any
 ) -> tuple[Any, Arrival]:
@@ -61,13 +76,38 @@ def arrive(
     """
     import drjit as dr
 
-    mi, phase = mitsuba(), world.phase
+    mi = mitsuba()
+    reach = chance(world.scattering * away)
+    rng, chain = _drawn(world, rng, away, reach, room, active)
+    # Turn the place of leaving onto x, and by an even angle about it.
+    normal = chain.place / dr.maximum(away, 1e-12)
+    mu = dr.maximum(dr.dot(normal, chain.travel), 0.0)
+    sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * rng.next_float32())
+    here, there = mi.Frame3f(normal), mi.Frame3f((x - world.lamp.position) / dr.maximum(away, 1e-12))
+
+    def turn(v: Any) -> Any:
+        w = here.to_local(v)
+        return there.to_world(mi.Vector3f(cos_phi * w.x - sin_phi * w.y, sin_phi * w.x + cos_phi * w.y, w.z))
+
+    travel, emitted = turn(chain.travel), turn(mi.Vector3f(0.0, 0.0, 1.0))
+    light = reach * world.lamp.intensity(emitted) / (dr.square(away) * mu)
+    good = chain.good & (light > 0.0) & (mu > 0.0)
+    end, clear = _clear(world, chain, turn, good)
+    clear &= start_ray(world.lamp.position + turn(end), clear)
+    radius, _, density = chain.first
+    return rng, Arrival(travel, chain.length, dr.select(clear, light, 0.0), chain.events, mu, density, radius)
+
+
+def _drawn(world: PathWorld, rng: Any, away: Any, reach: Any, room: Any, active: Any) -> tuple[Any, _Chain]:
+    """A chain for each lane, with at least one scattering within the ball of radius `away`."""
+    import drjit as dr
+
+    mi, phase, b = mitsuba(), world.phase, world.scattering
     assert phase is not None
-    b = world.scattering
-    forward = mi.Vector3f(0.0, 0.0, 1.0)
-    reach = chance(b * away)
     first = dr.minimum(-dr.log(1.0 - rng.next_float32() * reach) / b, away)
-    d, density = phase.draw(forward, rng.next_uint32(), mi.Point2f(rng.next_float32(), rng.next_float32()))
+    d, density = phase.draw(
+        mi.Vector3f(0.0, 0.0, 1.0), rng.next_uint32(), mi.Point2f(rng.next_float32(), rng.next_float32())
+    )
     keep = mi.PCG32(rng)
     p = mi.Vector3f(0.0, 0.0, first)
     r2 = dr.square(away)
@@ -88,24 +128,18 @@ def arrive(
         return rng, p, d, length, events, going, out
 
     state = (rng, p, d, first, mi.UInt32(1), mi.Bool(active), mi.Bool(False))
-    state = dr.while_loop(
-        state, lambda rng, p, d, length, events, going, out: going, forth, mode="symbolic"
-    )  # fmt: skip
+    state = dr.while_loop(state, lambda rng, p, d, length, events, going, out: going, forth, mode="symbolic")
     rng, p, last, length, events, _, out = state
-    good = active & out & (length < room)
-    # Turn the place of leaving onto x, and by an even angle about it.
-    normal = p / dr.maximum(away, 1e-12)
-    mu = dr.maximum(dr.dot(normal, last), 0.0)
-    sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * rng.next_float32())
-    here, there = mi.Frame3f(normal), mi.Frame3f((x - world.lamp.position) / dr.maximum(away, 1e-12))
+    return rng, _Chain(p, last, length, events, (first, d, density), active & out & (length < room), keep)
 
-    def turn(v: Any) -> Any:
-        w = here.to_local(v)
-        return there.to_world(mi.Vector3f(cos_phi * w.x - sin_phi * w.y, sin_phi * w.x + cos_phi * w.y, w.z))
 
-    travel, emitted = turn(last), turn(forward)
-    light = reach * world.lamp.intensity(emitted) / (r2 * mu)
-    good &= (light > 0.0) & (mu > 0.0)
+def _clear(world: PathWorld, chain: _Chain, turn: Any, good: Any) -> tuple[Any, Any]:
+    """(the last event of the chain, about the lamp; whether no solid is in the way of the turned chain up to there)."""
+    import drjit as dr
+
+    mi, phase = mitsuba(), world.phase
+    assert phase is not None
+    first, d, _ = chain.first
 
     def again(rng: Any, i: Any, before: Any, at: Any, d: Any, clear: Any) -> tuple[Any, ...]:
         way = turn(at - before)
@@ -114,14 +148,14 @@ def arrive(
             world.lamp.position + turn(before), way / dr.maximum(distance, 1e-12), distance, 0.0, mi.Color0f()
         )
         clear = clear & ~world.geometry.ray_test(ray, clear)
-        step = free_path(rng.next_float32(), b)
-        last = i + 1 >= events
+        step = free_path(rng.next_float32(), world.scattering)
+        last = i + 1 >= chain.events
         on = at + d * step
         d, _ = phase.draw(d, rng.next_uint32(), mi.Point2f(rng.next_float32(), rng.next_float32()))
         return rng, i + 1, dr.select(last, before, at), dr.select(last, at, on), d, clear
 
-    state2 = (keep, mi.UInt32(0), mi.Vector3f(0.0), mi.Vector3f(0.0, 0.0, first), d, mi.Bool(good))
-    state2 = dr.while_loop(state2, lambda rng, i, before, at, d, clear: clear & (i < events), again, mode="symbolic")
-    end, clear = state2[3], state2[5]
-    clear &= start_ray(world.lamp.position + turn(end), clear)
-    return rng, Arrival(travel, length, dr.select(clear, light, 0.0), events, mu, density, first)
+    state = (chain.keep, mi.UInt32(0), mi.Vector3f(0.0), mi.Vector3f(0.0, 0.0, first), d, mi.Bool(good))
+    state = dr.while_loop(
+        state, lambda rng, i, before, at, d, clear: clear & (i < chain.events), again, mode="symbolic"
+    )  # fmt: skip
+    return state[3], state[5]

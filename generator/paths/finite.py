@@ -86,27 +86,91 @@ def trace_finite(
     the pixels' truth and errors follow from. `steepest`: largest slope of R over its peak, per bin."""
     import drjit as dr
 
-    mi = mitsuba()
-    count = len(lanes.row)
-    sums = [[dr.zeros(mi.Float, count * window.bins) for _ in range(3)] for _ in range(2)]
-    words = [
-        mi.sample_tea_64(mi.UInt32(mi.UInt64(w) & 0xFFFFFFFF) ^ 0x9E3779B9, mi.UInt32(mi.UInt64(w) >> 32))
-        for w in (lanes.state, lanes.stream)
-    ]
-    shift = [mi.UInt32(w & 0xFFFFFFFF) for w in words] + [mi.UInt32(w >> 32) for w in words]
-    shift += [shift[0] ^ (shift[3] * 747796405), shift[1] ^ (shift[2] * 747796405)]
-    row, col = mi.Float(lanes.row), mi.Float(lanes.col)
-    base = dr.arange(mi.UInt32, count) * window.bins
-    start, per_metre = dr.opaque(mi.Float, window.start_m), dr.opaque(mi.Float, 1.0 / window.width_m)
-    last, wanted = dr.opaque(mi.UInt32, window.bins), dr.opaque(mi.UInt32, samples)
-    scale = dr.opaque(mi.Float, world.pitch_over_focal)
-    half_rows, half_cols = (dr.opaque(mi.Float, n / 2) for n in (world.rows, world.cols))
-    lens = dr.opaque(mi.Float, world.aperture_radius)
-    lamp_radius = dr.opaque(mi.Float, world.source_radius)
-    across = mi.Frame3f(world.lamp.axis)
-    slope = dr.opaque(mi.Float, steepest)
+    mi, count = mitsuba(), len(lanes.row)
+    body = _Body(world, lanes, window, steepest)
+    wanted = dr.opaque(mi.UInt32, samples)
+    state = (dr.zeros(mi.UInt32, count), *(dr.zeros(mi.Float, count) for _ in range(4)))
+    state = (*state, dr.full(mi.Float, dr.inf, count), dr.full(mi.Float, -dr.inf, count))
+    sums = dr.while_loop(state, lambda i, *_: i < wanted, body.step, mode="symbolic")[1:]
+    dr.eval(*body.sums[0], *body.sums[1], *sums)
+    nothing = np.zeros(count, dtype=np.float32)
+    bins = [np.stack([np.asarray(b.numpy()).reshape(count, window.bins) for b in side]) for side in body.sums]
+    arrays = [np.asarray(value.numpy()) for value in sums]
+    change = Change(np.stack(arrays[:4]), arrays[4], arrays[5])
+    return Moments(bins[0], nothing, nothing), Moments(bins[1], nothing, nothing), change
 
-    def light(target: list[Any], o: Any, d: Any, more: Any, weight: Any, lamp: Any) -> tuple[Any, Any]:
+
+class _Body:
+    """One sample of every lane, by way of the finite lens and lamp and by way of points; `sums`: the moments of both."""
+
+    def __init__(self, world: PathWorld, lanes: Lanes, window: Window, steepest: float) -> None:
+        import drjit as dr
+
+        mi, count = mitsuba(), len(lanes.row)
+        self.world = world
+        self.sums = [[dr.zeros(mi.Float, count * window.bins) for _ in range(3)] for _ in range(2)]
+        words = [
+            mi.sample_tea_64(mi.UInt32(mi.UInt64(w) & 0xFFFFFFFF) ^ 0x9E3779B9, mi.UInt32(mi.UInt64(w) >> 32))
+            for w in (lanes.state, lanes.stream)
+        ]
+        shift = [mi.UInt32(w & 0xFFFFFFFF) for w in words] + [mi.UInt32(w >> 32) for w in words]
+        self.shift = [*shift, shift[0] ^ (shift[3] * 747796405), shift[1] ^ (shift[2] * 747796405)]
+        self.row, self.col = mi.Float(lanes.row), mi.Float(lanes.col)
+        self.base = dr.arange(mi.UInt32, count) * window.bins
+        self.start, self.per_metre = dr.opaque(mi.Float, window.start_m), dr.opaque(mi.Float, 1.0 / window.width_m)
+        self.last = dr.opaque(mi.UInt32, window.bins)
+        self.scale = dr.opaque(mi.Float, world.pitch_over_focal)
+        self.half_rows, self.half_cols = (dr.opaque(mi.Float, n / 2) for n in (world.rows, world.cols))
+        self.lens = dr.opaque(mi.Float, world.aperture_radius)
+        self.lamp_radius = dr.opaque(mi.Float, world.source_radius)
+        self.across = mi.Frame3f(world.lamp.axis)
+        self.slope = dr.opaque(mi.Float, steepest)
+
+    def step(
+        self, i: Any, change: Any, square: Any, moved: Any, moved_square: Any, first: Any, final: Any
+    ) -> tuple[Any, ...]:
+        """Add the light of sample `i` to the moments, and what the finite size changes of it to the sums."""
+        import drjit as dr
+
+        mi, world = mitsuba(), self.world
+        u = [mi.Float((self.shift[j] + i * mi.UInt32(_STEPS[j])) >> 8) * (1.0 / 16777216.0) for j in range(6)]
+        x, y = (self.col + u[0] - self.half_cols) * self.scale, (self.row + u[1] - self.half_rows) * self.scale
+        view = dr.normalize(mi.Vector3f(x, y, 1.0))
+        weight = dr.square(dr.square(view.z)) if world.vignetting else mi.Float(1.0)
+        by_point, when = self._light(
+            self.sums[1], mi.Point3f(0.0), view, mi.Float(0.0), weight, world.lamp.position
+        )  # fmt: skip
+        o, d, more = self._through_the_lens(view, mi.Point2f(u[2], u[3]))
+        s = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u[4], u[5])) * self.lamp_radius
+        lamp = world.lamp.position + self.across.to_world(mi.Vector3f(s.x, s.y, 0.0))
+        by_disc, path = self._light(self.sums[0], o, d, more, weight, lamp)
+        apart = by_disc - by_point
+        late = dr.clip(self.slope * self.per_metre * (path - when), -1.0, 1.0)
+        turned = dr.select((by_disc > 0.0) & (by_point > 0.0), by_disc * late, 0.0)
+        first = dr.select(by_disc > 0.0, dr.minimum(first, path), first)
+        final = dr.select(by_disc > 0.0, dr.maximum(final, path), final)
+        sums = change + apart, square + dr.square(apart), moved + turned, moved_square + dr.square(turned)
+        return (i + 1, *sums, first, final)
+
+    def _through_the_lens(self, view: Any, point: Any) -> tuple[Any, Any, Any]:
+        """(origin, direction, extra path) of the ray through a point of the aperture, given by two even numbers."""
+        import drjit as dr
+
+        mi, distance = mitsuba(), self.world.focus_distance
+        if distance is None:
+            return mi.Point3f(0.0), view, mi.Float(0.0)
+        a = mi.warp.square_to_uniform_disk_concentric(point) * self.lens
+        o = mi.Point3f(a.x, a.y, 0.0)
+        focus = mi.Point3f(view / view.z * dr.opaque(mi.Float, distance))
+        d = focus - o
+        more = dr.norm(mi.Vector3f(focus)) - dr.norm(d)
+        return o, dr.normalize(d), more
+
+    def _light(self, sums: list[Any], o: Any, d: Any, more: Any, weight: Any, lamp: Any) -> tuple[Any, Any]:
+        """Add the light of a ray by way of one point of the lamp to its moments; that light, and its path."""
+        import drjit as dr
+
+        mi, world = mitsuba(), self.world
         si = world.geometry.ray_intersect(mi.Ray3f(mi.Point3f(o), d))
         hit = si.is_valid()
         way = lamp - si.p
@@ -115,50 +179,14 @@ def trace_finite(
         value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(way), hit)[0] * weight * world.lamp.intensity(-way)
         value *= dr.exp(-world.attenuation * (si.t + away)) / dr.maximum(dr.square(away), 1e-12)
         path = si.t + more + away
-        where = (path - start) * per_metre
+        where = (path - self.start) * self.per_metre
         lit = hit & (value > 0.0)
         lit &= ~world.geometry.ray_test(si.spawn_ray_to(lamp), lit)
         seen = lit & (where >= 0.0)
         index = mi.UInt32(dr.select(seen, where, 0.0))
-        seen &= index < last
+        seen &= index < self.last
         offset = where - mi.Float(index) - 0.5
-        for power, sums_of in enumerate(target):
+        for power, target in enumerate(sums):
             part = value * offset**power if power else value
-            dr.scatter_reduce(dr.ReduceOp.Add, sums_of, part, base + index, seen, dr.ReduceMode.NoConflicts)
+            dr.scatter_reduce(dr.ReduceOp.Add, target, part, self.base + index, seen, dr.ReduceMode.NoConflicts)
         return dr.select(lit, value, 0.0), path
-
-    def body(
-        i: Any, change: Any, square: Any, moved: Any, moved_square: Any, first: Any, final: Any
-    ) -> tuple[Any, ...]:
-        u = [mi.Float((shift[j] + i * mi.UInt32(_STEPS[j])) >> 8) * (1.0 / 16777216.0) for j in range(6)]
-        view = dr.normalize(mi.Vector3f((col + u[0] - half_cols) * scale, (row + u[1] - half_rows) * scale, 1.0))
-        weight = dr.square(dr.square(view.z)) if world.vignetting else mi.Float(1.0)
-        by_point, when = light(sums[1], mi.Point3f(0.0), view, mi.Float(0.0), weight, world.lamp.position)
-        o, d, more = mi.Point3f(0.0), view, mi.Float(0.0)
-        if world.focus_distance is not None:
-            a = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u[2], u[3])) * lens
-            o = mi.Point3f(a.x, a.y, 0.0)
-            focus = mi.Point3f(view / view.z * dr.opaque(mi.Float, world.focus_distance))
-            d = focus - o
-            more = dr.norm(mi.Vector3f(focus)) - dr.norm(d)
-            d = dr.normalize(d)
-        s = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u[4], u[5])) * lamp_radius
-        lamp = world.lamp.position + across.to_world(mi.Vector3f(s.x, s.y, 0.0))
-        by_disc, path = light(sums[0], o, d, more, weight, lamp)
-        apart = by_disc - by_point
-        late = dr.clip(slope * per_metre * (path - when), -1.0, 1.0)
-        turned = dr.select((by_disc > 0.0) & (by_point > 0.0), by_disc * late, 0.0)
-        first = dr.select(by_disc > 0.0, dr.minimum(first, path), first)
-        final = dr.select(by_disc > 0.0, dr.maximum(final, path), final)
-        told = change + apart, square + dr.square(apart), moved + turned, moved_square + dr.square(turned)
-        return (i + 1, *told, first, final)
-
-    state = (dr.zeros(mi.UInt32, count), *(dr.zeros(mi.Float, count) for _ in range(4)))
-    state = (*state, dr.full(mi.Float, dr.inf, count), dr.full(mi.Float, -dr.inf, count))
-    told = dr.while_loop(state, lambda i, *_: i < wanted, body, mode="symbolic")[1:]
-    dr.eval(*sums[0], *sums[1], *told)
-    nothing = np.zeros(count, dtype=np.float32)
-    found = [np.stack([np.asarray(b.numpy()).reshape(count, window.bins) for b in side]) for side in sums]
-    arrays = [np.asarray(value.numpy()) for value in told]
-    change = Change(np.stack(arrays[:4]), arrays[4], arrays[5])
-    return Moments(found[0], nothing, nothing), Moments(found[1], nothing, nothing), change

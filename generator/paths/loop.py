@@ -1,7 +1,7 @@
 """The path tracer's loop: light that reaches the camera after two or more events, with its times.
 
-Paths start at the camera. At each surface or scattering event the lamp is asked directly (next-event estimation), then
-the path goes on by the law there. The first surface's direct answer is left out: the `direct` rung has it exactly.
+Paths start at the camera. At each surface or scattering event the lamp's direct light is added (next-event estimation), then
+the path goes on by the law there. The first surface's direct light is left out: the `direct` rung has it exactly.
 
 A lane owns one pixel, and draws its samples one after the other. So no two lanes add to the same bin, sums have one order
 whatever the threads, and equal seeds give equal bits. Paths that end are replaced at once, so that lanes stay busy.
@@ -87,26 +87,69 @@ def trace_lanes(
     bins = [dr.zeros(mi.Float, count * wide) for _ in range(3)]
     body = _Body(world, lanes, window, component, bins, split)
     wanted = dr.opaque(mi.UInt32, samples)
-    state = (
-        mi.PCG32(initstate=mi.UInt64(lanes.state), initseq=mi.UInt64(lanes.stream)),
-        dr.zeros(mi.UInt32, count),  # samples done
-        dr.zeros(mi.UInt32, count),  # surfaces met by this path
-        dr.zeros(mi.UInt32, count),  # scattering events of this path
-        dr.zeros(mi.Point3f, count),
-        dr.zeros(mi.Vector3f, count),
-        dr.ones(mi.Float, count),  # weight
-        dr.zeros(mi.Float, count),  # length
-        dr.zeros(mi.Float, count),  # farthest event from the lamp since the last surface, and
-        dr.zeros(mi.Float, count),  # density of going on from there by a chain, over that of going on by chance
-        dr.zeros(mi.Float, count),  # light of this path
-        dr.zeros(mi.Float, count),
-        dr.zeros(mi.Float, count),
-    )
-    state = dr.while_loop(state, lambda rng, done, *_: done < wanted, body.step, mode="symbolic")
+    state = dr.while_loop(_Path.start(lanes), lambda rng, done, *_: done < wanted, body.step, mode="symbolic")
     total, square = state[-2], state[-1]
     dr.eval(total, square, *bins)
     moments = np.stack([np.asarray(b.numpy()).reshape(count, wide) for b in bins])
     return Moments(moments, np.asarray(total.numpy()), np.asarray(square.numpy()))
+
+
+@dataclass
+class _Path:
+    """The state of every lane's path, in the order of the loop's variables."""
+
+    rng: Any
+    done: Any  # samples done
+    surfaces: Any  # surfaces met by this path
+    scatters: Any  # scattering events of this path
+    o: Any
+    d: Any
+    weight: Any
+    length: Any
+    farthest: Any  # farthest event from the lamp since the last surface, and
+    chained: Any  # density of going on from there by a chain, over that of going on by chance
+    light: Any  # light of this path
+    total: Any
+    square: Any
+
+    @staticmethod
+    def start(lanes: Lanes) -> tuple[Any, ...]:
+        """The loop's variables before the first event."""
+        import drjit as dr
+
+        mi, count = mitsuba(), len(lanes.row)
+        rng = mi.PCG32(initstate=mi.UInt64(lanes.state), initseq=mi.UInt64(lanes.stream))
+        none = [dr.zeros(mi.UInt32, count) for _ in range(3)]
+        dark = [dr.zeros(mi.Float, count) for _ in range(6)]
+        return (
+            rng, *none, dr.zeros(mi.Point3f, count), dr.zeros(mi.Vector3f, count), dr.ones(mi.Float, count), *dark
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Event:
+    """A surface that is `hit` or a scattering event, at `point`; `met`: either; `fresh`: the first of its path; `even`: the
+    lattice's numbers of the path."""
+
+    fresh: Any
+    even: list[Any]
+    si: Any
+    bsdf: Any
+    hit: Any
+    scattered: Any
+    met: Any
+    point: Any
+
+
+@dataclass(frozen=True)
+class _ToLamp:
+    """The way from an event to the lamp: unit `direction`, length `away`; `reach`: chance of a scattering on it; `far`: whether the
+    event is the farthest from the lamp since the last surface."""
+
+    direction: Any
+    away: Any
+    reach: Any
+    far: Any
 
 
 class _Body:
@@ -134,120 +177,154 @@ class _Body:
         self.scale = dr.opaque(mi.Float, world.pitch_over_focal)
         self.half_rows, self.half_cols = (dr.opaque(mi.Float, n / 2) for n in (world.rows, world.cols))
 
-    def step(
-        self, rng: Any, done: Any, surfaces: Any, scatters: Any, o: Any, d: Any, weight: Any, length: Any, farthest: Any,
-        chained: Any, light: Any, total: Any, square: Any,
-    ) -> tuple[Any, ...]:  # fmt: skip
+    def step(self, *state: Any) -> tuple[Any, ...]:
         """Move every path by one event, and add what the lamp gives there."""
+        path = _Path(*state)
+        event = self._next_event(path)
+        lamp = self._direct(path, event)
+        if self.world.phase is not None and self.component in ("multiple", "all"):
+            self._chained(path, event, lamp)
+        self._go_on(path, event, lamp)
+        return tuple(vars(path).values())
+
+    def _next_event(self, path: _Path) -> _Event:
+        """Begin a path where the last one ended, and follow it to its next surface or scattering event."""
         import drjit as dr
 
         mi, world = mitsuba(), self.world
         # A new path from a random point of the pixel; pixel centres are at integers.
-        fresh = (surfaces + scatters) == 0
-        even = [self._lattice(done, j) for j in range(6)]
+        fresh = (path.surfaces + path.scatters) == 0
+        even = [self._lattice(path.done, j) for j in range(6)]
         x = (self.col + even[0] - self.half_cols) * self.scale
         y = (self.row + even[1] - self.half_rows) * self.scale
         view = dr.normalize(mi.Vector3f(x, y, 1.0))
-        o, d = dr.select(fresh, mi.Point3f(0.0), o), dr.select(fresh, view, d)
-        length = dr.select(fresh, 0.0, length)
-        farthest, chained = dr.select(fresh, 0.0, farthest), dr.select(fresh, 0.0, chained)
+        path.o, path.d = dr.select(fresh, mi.Point3f(0.0), path.o), dr.select(fresh, view, path.d)
+        path.length = dr.select(fresh, 0.0, path.length)
+        path.farthest, path.chained = dr.select(fresh, 0.0, path.farthest), dr.select(fresh, 0.0, path.chained)
         first = dr.square(dr.square(view.z)) if world.vignetting else mi.Float(1.0)
-        weight = dr.select(fresh, first, weight)
-        ray = mi.Ray3f(o, d)
+        path.weight = dr.select(fresh, first, path.weight)
+        ray = mi.Ray3f(path.o, path.d)
         si = world.geometry.ray_intersect(ray)
         hit, distance = si.is_valid(), si.t
         scattered = mi.Bool(False)
         if world.phase is not None:
-            free = free_path(dr.select(fresh, even[5], rng.next_float32()), world.scattering)
+            free = free_path(dr.select(fresh, even[5], path.rng.next_float32()), world.scattering)
             scattered = free < dr.select(hit, distance, dr.inf)
             hit &= ~scattered
             distance = dr.select(scattered, free, distance)
-        event = hit | scattered
-        weight *= dr.select(event, dr.exp(-world.absorption * distance), 1.0)
-        length += dr.select(event, distance, 0.0)
-        surfaces += dr.select(hit, mi.UInt32(1), 0)
-        scatters += dr.select(scattered, mi.UInt32(1), 0)
+        met = hit | scattered
+        path.weight *= dr.select(met, dr.exp(-world.absorption * distance), 1.0)
+        path.length += dr.select(met, distance, 0.0)
+        path.surfaces += dr.select(hit, mi.UInt32(1), 0)
+        path.scatters += dr.select(scattered, mi.UInt32(1), 0)
         point = dr.select(hit, si.p, ray(dr.select(scattered, distance, 0.0)))
         si.p = point  # spawned rays start here whichever event it is
+        return _Event(fresh, even, si, si.bsdf(), hit, scattered, met, point)
 
-        # Ask the lamp.
-        bsdf, context = si.bsdf(), mi.BSDFContext()
-        to_lamp = world.lamp.position - point
+    def _direct(self, path: _Path, event: _Event) -> _ToLamp:
+        """Add the light that comes from the lamp to the event at once."""
+        import drjit as dr
+
+        mi, world = mitsuba(), self.world
+        si, hit, context = event.si, event.hit, mi.BSDFContext()
+        to_lamp = world.lamp.position - event.point
         away = dr.norm(to_lamp)
         to_lamp /= dr.maximum(away, 1e-12)
-        given = weight * world.lamp.intensity(-to_lamp) / dr.maximum(dr.square(away), 1e-12)
+        given = path.weight * world.lamp.intensity(-to_lamp) / dr.maximum(dr.square(away), 1e-12)
         given *= dr.exp(-world.attenuation * away)
-        reach, far, turn = mi.Float(1.0), mi.Bool(True), mi.Float(0.0)
+        reach, far = mi.Float(1.0), mi.Bool(True)
         if world.phase is None:
-            given *= dr.select(hit, bsdf.eval(context, si, si.to_local(to_lamp), hit)[0], 0.0)
+            given *= dr.select(hit, event.bsdf.eval(context, si, si.to_local(to_lamp), hit)[0], 0.0)
         else:
-            turn = world.phase.density(d, to_lamp)
-            given *= dr.select(scattered, turn, bsdf.eval(context, si, si.to_local(to_lamp), hit)[0])
-            far = hit | (away > farthest)
+            turn = world.phase.density(path.d, to_lamp)
+            answer = event.bsdf.eval(context, si, si.to_local(to_lamp), hit)[0]
+            given *= dr.select(event.scattered, turn, answer)
+            far = hit | (away > path.farthest)
             straight = dr.square(away) / (dr.exp(-world.scattering * away) * turn)
-            given *= dr.select(far, 1.0, straight / (straight + chained))
+            given *= dr.select(far, 1.0, straight / (straight + path.chained))
             reach = chance(world.scattering * away)
-        wanted = event & self._counted(surfaces, scatters) & (given > 0.0)
-        wanted &= length + away >= self.start
+        wanted = event.met & self._counted(path.surfaces, path.scatters) & (given > 0.0)
+        wanted &= path.length + away >= self.start
+        wanted = self._seen(event, world.lamp.position, wanted & (path.length + away < self.longest))
+        path.light += self._add(given, path.length + away, wanted, path.scatters > 0)
+        return _ToLamp(to_lamp, away, reach, far)
 
-        def seen(target: Any, active: Any) -> Any:
-            shadow = si.spawn_ray_to(target)
-            way = target - point
-            gap = dr.norm(way)
-            shadow.o = dr.select(hit, shadow.o, point)
-            shadow.d = dr.select(hit, shadow.d, way / dr.maximum(gap, 1e-12))
-            shadow.maxt = dr.select(hit, shadow.maxt, gap)
-            return active & (world.geometry.ray_test(shadow, active) ^ (self.component != "shadow"))
+    def _seen(self, event: _Event, target: Any, active: Any) -> Any:
+        """Whether the event sees a point; of the component "shadow", whether it does not."""
+        import drjit as dr
 
-        wanted = seen(world.lamp.position, wanted & (length + away < self.longest))
-        light += self._add(given, length + away, wanted, scatters > 0)
+        shadow = event.si.spawn_ray_to(target)
+        way = target - event.point
+        gap = dr.norm(way)
+        shadow.o = dr.select(event.hit, shadow.o, event.point)
+        shadow.d = dr.select(event.hit, shadow.d, way / dr.maximum(gap, 1e-12))
+        shadow.maxt = dr.select(event.hit, shadow.maxt, gap)
+        return active & (self.world.geometry.ray_test(shadow, active) ^ (self.component != "shadow"))
 
-        # Bring the lamp's scattered light.
-        if world.phase is not None and self.component in ("multiple", "all"):
-            room = self.longest - length
-            open_ = event & far & (away < room)
-            rng, came = arrive(world, rng, point, away, room, seen, open_)
-            answer = bsdf.eval(context, si, si.to_local(-came.travel), hit)[0]
-            answer = dr.select(hit, answer, world.phase.density(d, -came.travel))
-            pdf = dr.select(hit, bsdf.pdf(context, si, si.to_local(-came.travel), hit), answer)
-            more = weight * answer * came.light * dr.exp(-world.absorption * came.length)
-            by_chain = dr.square(away) * came.cosine / (reach * pdf)
-            by_chance = dr.square(came.radius) / (dr.exp(-world.scattering * came.radius) * came.turn_density)
-            more *= dr.select(pdf > 0.0, by_chain / (by_chain + by_chance), 1.0)
-            light += self._add(more, length + came.length, open_ & (more > 0.0), mi.Bool(True))
+    def _chained(self, path: _Path, event: _Event, lamp: _ToLamp) -> None:
+        """Add the light that comes from the lamp to the event by a chain of scatterings."""
+        import drjit as dr
 
-        # Go on.
-        draw, one, two = (dr.select(fresh, e, rng.next_float32()) for e in even[2:5])
+        mi, world = mitsuba(), self.world
+        assert world.phase is not None
+        si, hit, context = event.si, event.hit, mi.BSDFContext()
+        room = self.longest - path.length
+        open_ = event.met & lamp.far & (lamp.away < room)
+        path.rng, came = arrive(
+            world,
+            path.rng,
+            event.point,
+            lamp.away,
+            room,
+            lambda target, active: self._seen(event, target, active),
+            open_,
+        )
+        answer = event.bsdf.eval(context, si, si.to_local(-came.travel), hit)[0]
+        answer = dr.select(hit, answer, world.phase.density(path.d, -came.travel))
+        pdf = dr.select(hit, event.bsdf.pdf(context, si, si.to_local(-came.travel), hit), answer)
+        more = path.weight * answer * came.light * dr.exp(-world.absorption * came.length)
+        by_chain = dr.square(lamp.away) * came.cosine / (lamp.reach * pdf)
+        by_chance = dr.square(came.radius) / (dr.exp(-world.scattering * came.radius) * came.turn_density)
+        more *= dr.select(pdf > 0.0, by_chain / (by_chain + by_chance), 1.0)
+        path.light += self._add(more, path.length + came.length, open_ & (more > 0.0), mi.Bool(True))
+
+    def _go_on(self, path: _Path, event: _Event, lamp: _ToLamp) -> None:
+        """Turn the path by the law of its event, or end it and count its light."""
+        import drjit as dr
+
+        mi, world, si, hit = mitsuba(), self.world, event.si, event.hit
+        draw, one, two = (dr.select(event.fresh, e, path.rng.next_float32()) for e in event.even[2:5])
         pair = mi.Point2f(one, two)
-        sample, gain = bsdf.sample(context, si, draw, pair, hit)
+        sample, gain = event.bsdf.sample(mi.BSDFContext(), si, draw, pair, hit)
         out, kept, density = si.to_world(sample.wo), gain[0], sample.pdf
         if world.phase is not None:
-            turned, turned_density = world.phase.draw(d, rng.next_uint32(), pair)
-            out = dr.select(scattered, turned, out)
-            density = dr.select(scattered, turned_density, density)
-            kept = dr.select(scattered, 1.0, kept)
-            inward = dr.maximum(dr.dot(out, to_lamp), 0.0)
-            chained = dr.select(far, dr.square(away) * inward / (reach * density), chained)
-            farthest = dr.select(far, away, farthest)
-        weight *= kept
+            turned, turned_density = world.phase.draw(path.d, path.rng.next_uint32(), pair)
+            out = dr.select(event.scattered, turned, out)
+            density = dr.select(event.scattered, turned_density, density)
+            kept = dr.select(event.scattered, 1.0, kept)
+            inward = dr.maximum(dr.dot(out, lamp.direction), 0.0)
+            chained = dr.square(lamp.away) * inward / (lamp.reach * density)
+            path.chained = dr.select(lamp.far, chained, path.chained)
+            path.farthest = dr.select(lamp.far, lamp.away, path.farthest)
+        path.weight *= kept
         onward = si.spawn_ray(out)
-        o = dr.select(hit, onward.o, point)
-        d = dr.select(event, out, d)
-        survive = dr.select(surfaces + scatters > _FREE_EVENTS, dr.clip(kept, 0.05, 0.99), 1.0)
-        alive = event & (weight > 0.0) & (rng.next_float32() < survive) & (surfaces + scatters < _MOST_EVENTS)
+        path.o = dr.select(hit, onward.o, event.point)
+        path.d = dr.select(event.met, out, path.d)
+        events = path.surfaces + path.scatters
+        survive = dr.select(events > _FREE_EVENTS, dr.clip(kept, 0.05, 0.99), 1.0)
+        alive = event.met & (path.weight > 0.0) & (path.rng.next_float32() < survive) & (events < _MOST_EVENTS)
         # No way to the lamp is shorter than the straight one.
-        alive &= length + away < self.longest
+        alive &= path.length + lamp.away < self.longest
         if self.component in _ONE_EVENT:
             alive = mi.Bool(False)
-        weight = weight / survive
+        path.weight = path.weight / survive
         ended = ~alive
-        total = total + dr.select(ended, light, 0.0)
-        square = square + dr.select(ended, dr.square(light), 0.0)
-        done = done + dr.select(ended, mi.UInt32(1), 0)
+        path.total = path.total + dr.select(ended, path.light, 0.0)
+        path.square = path.square + dr.select(ended, dr.square(path.light), 0.0)
+        path.done = path.done + dr.select(ended, mi.UInt32(1), 0)
         zero = mi.UInt32(0)
-        surfaces, scatters = dr.select(ended, zero, surfaces), dr.select(ended, zero, scatters)
-        light = dr.select(ended, 0.0, light)
-        return rng, done, surfaces, scatters, o, d, weight, length, farthest, chained, light, total, square
+        path.surfaces, path.scatters = dr.select(ended, zero, path.surfaces), dr.select(ended, zero, path.scatters)
+        path.light = dr.select(ended, 0.0, path.light)
 
     def _add(self, light: Any, path: Any, wanted: Any, by_water: Any) -> Any:
         """Put light of this path length into its bin; the light that had one."""
@@ -274,7 +351,7 @@ class _Body:
         return mi.Float(word >> 8) * (1.0 / 16777216.0)
 
     def _counted(self, surfaces: Any, scatters: Any) -> Any:
-        """Whether a path with these events belongs to the light asked for."""
+        """Whether the light of a path with these events belongs to the component."""
         if self.component == "interreflection":
             return (scatters == 0) & (surfaces >= 2)
         if self.component in _ONE_EVENT:

@@ -8,7 +8,6 @@ nothing of the detector, of refraction or of scattered light is in it, and a ran
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 from ...optics import colorimetry
 from ...optics.illumination import beam_axis
 from ...scenes.meshes import shape_mesh
-from ...scenes.rigs.gated import GatedRig
-from ...scenes.rigs.parts import Illumination
+from ...scenes.rigs import rig_kind
+from ...scenes.rigs.kind import RigView
 from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 from ..ranger.footprint import shot_angles
@@ -54,17 +53,20 @@ class Preview:
 
 
 def preview_view(scene: Scene, longer_side: int = _LONGER_SIDE) -> RasterView:
-    """The view: a camera's own field, at most `longer_side` pixels long; for a ranger one that holds scan and target."""
-    rig: Any = scene.rig
-    if isinstance(rig, GatedRig):
+    """The view: a camera's own field, at most `longer_side` pixels long; without a camera, one that holds scan and target."""
+    rig = _rig_view(scene)
+    if rig.camera is not None:
         camera = rig.camera
         scale = longer_side / max(camera.rows, camera.cols)
         rows, cols = (max(round(n * scale), 1) for n in (camera.rows, camera.cols))
         return RasterView(rows, cols, camera.focal_length_m / camera.pixel_pitch_m * scale)
-    scan = rig.record.scan_half_angle_rad if rig.kind == "waveform" else rig.scan_half_angle_rad
-    half = min(max(1.3 * scan, 1.1 * _extent_rad(scene), 0.02), _WIDEST_RAD)
+    half = min(max(1.3 * rig.scan_half_angle_rad, 1.1 * _extent_rad(scene), 0.02), _WIDEST_RAD)
     rows = max(round(0.75 * longer_side), 1)
     return RasterView(rows, longer_side, 0.5 * longer_side / float(np.tan(half)))
+
+
+def _rig_view(scene: Scene) -> RigView:
+    return rig_kind(scene.modality).view(scene.rig)
 
 
 def _extent_rad(scene: Scene) -> float:
@@ -93,7 +95,7 @@ def preview(scene: Scene, longer_side: int = _LONGER_SIDE) -> Preview:
     """
     view = preview_view(scene, longer_side)
     fine = RasterView(view.rows * _FINER, view.cols * _FINER, view.focal_px * _FINER)
-    light = scene.rig.laser.position_m if isinstance(scene.rig, GatedRig) else (0.0, 0.0, 0.0)
+    light = rig_kind(scene.modality).places(scene.rig).get("laser", (0.0, 0.0, 0.0))
     raster = rasterise(scene, fine, light)
     seen = raster.target >= 0
     laser, visible = _laser_colour(scene)
@@ -162,19 +164,18 @@ def _beam(scene: Scene, view: RasterView, raster: Raster, lamp: Float) -> Float:
 
 
 def _profile(scene: Scene, direction: Float, view: RasterView) -> Float:
-    """I(θ)/I(0) along unit directions (3, n); of a scanning ranger, the brightest of its shots."""
-    rig: Any = scene.rig
-    spec: Illumination = rig.laser.illumination
-    if isinstance(rig, GatedRig):
+    """I(θ)/I(0) along unit directions (3, n); where shots scan, of the brightest of them."""
+    rig = _rig_view(scene)
+    spec = rig.beam
+    if spec is None:
+        return np.zeros(direction.shape[1])
+    if rig.camera is not None:
         lamp = RoundBeam(spec)
         return np.asarray(lamp.intensity(direction) / max(float(lamp.intensity(lamp.axis[:, None])[0]), 1e-300))
     narrow = max(spec.half_angle_rad, _SPOT_PX / view.focal_px)
-    shots, scan = (rig.record.shots, rig.record.scan_half_angle_rad) if rig.kind == "waveform" else (
-        rig.shots, rig.scan_half_angle_rad,
-    )  # fmt: skip
     axis = beam_axis(spec.offset_rad)
     best = np.zeros(direction.shape[1])
-    for angle in shot_angles(min(shots, _MOST_SPOTS), scan):
+    for angle in shot_angles(min(rig.shots, _MOST_SPOTS), rig.scan_half_angle_rad):
         c, s = np.cos(angle), np.sin(angle)
         turned = np.array([c * axis[0] + s * axis[2], axis[1], c * axis[2] - s * axis[0]])
         off = np.arccos(np.clip(turned @ direction, -1.0, 1.0))
