@@ -1,1 +1,1 @@
-"""What is there: target, medium and rig as typed specs, and the library of scenes."""
+"""Scenes: target, medium and rig as typed specs, and the library of scenes."""

@@ -57,7 +57,7 @@ class BandFilter(Spec):
 
 class WaterPath(Spec):
     """Water that the light crosses: `down_m` from the surface to the target (diffuse attenuation K_d), `view_m` from the
-    target to the lens (beam attenuation c). Sources and types as in `optics.water`; K_d is told by solonenko2015 and pure."""
+    target to the lens (beam attenuation c). Sources and types as in `optics.water`; solonenko2015 and pure have K_d."""
 
     source: Literal["williamson2022", "solonenko2015", "pure"]
     type: str
@@ -92,8 +92,8 @@ class AmbientSpectrum(Spec):
             if len(given) != 1:
                 raise ValueError(f"give one of {', '.join(names)}, not {' and '.join(given) or 'none'}")
         if self.illuminant is not None and self.illuminant not in colorimetry.illuminant_names():
-            raise ValueError(f"no such illuminant; there are {', '.join(colorimetry.illuminant_names())}")
-        self._shares(self._grid())  # refuses what the water's source does not tell
+            raise ValueError(f"no such illuminant; known are {', '.join(colorimetry.illuminant_names())}")
+        self._shares(self._grid())  # raises where the water's source has no data
         return self
 
     def _source(self) -> tuple[Float, Float]:
@@ -111,7 +111,7 @@ class AmbientSpectrum(Spec):
         else:
             now, wanted = colorimetry.illuminance_of(wave, power), float(self.illuminance_lux or 0.0)
         if not now > 0:
-            raise ValueError("the spectrum holds no light that the wanted strength could scale")
+            raise ValueError("the spectrum holds no light that a strength could scale")
         return wave, power * (wanted / now)
 
     def _grid(self) -> Float:
@@ -151,7 +151,7 @@ class AmbientSpectrum(Spec):
         return passed, clear
 
     def at_the_target(self) -> tuple[Float, Float]:
-        """(wavelength, what an eye beside the lens would see of a white target): no filter; zero where water has no data."""
+        """(wavelength, light of a white target as an eye beside the lens sees it): no filter; zero where water has no data."""
         wave, power = self._source()
         grid = np.arange(wave[0], wave[-1], 5 * _STEP_M)
         seen = np.interp(grid, wave, power)
@@ -182,7 +182,7 @@ class AmbientSpectrum(Spec):
 
 
 def ambient_rate(rig: Any, etendue_m2_sr: float, quantum_efficiency: float) -> float:
-    """What a rig's `ambient_e_per_s` is: as given, or from its `ambient` spectrum. ValueError unless it has exactly one."""
+    """A rig's `ambient_e_per_s`: as given, or from its `ambient` spectrum. Raises ValueError unless exactly one is given."""
     given = "ambient_e_per_s" in rig.model_fields_set
     if given == (rig.ambient is not None):
         raise ValueError("give either ambient_e_per_s or ambient, a spectrum")

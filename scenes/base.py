@@ -1,4 +1,4 @@
-"""What all specs share: frozen, no unknown keys, no NaN or infinity, and no physical default."""
+"""Base of all specs: frozen, no unknown keys, no NaN or infinity, no physical default."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Fraction", "Index", "NonNegative", "Positive", "Spec", "Vec3"]
 class Spec(BaseModel):
     """Base of every spec. Unknown keys are errors; values are immutable; numbers are finite."""
 
-    #: What helps who wrote such a spec wrong: where a complete one is to be seen.
+    #: Next step in an error message: where to see a complete spec.
     example: ClassVar[str] = "beambench scenes show flat-wall   (a complete example)"
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, protected_namespaces=())

@@ -1,4 +1,4 @@
-"""The one error for bad input: what, where, value, what is allowed, and the next step. The command line exits with 2."""
+"""The error for bad input: what, where, value, allowed values and next step. The command line then exits with 2."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ __all__ = ["InputError"]
 
 
 class InputError(ValueError):
-    """A user's input that cannot be used.
+    """Input that cannot be used.
 
     Main arguments:
-        what: what is wrong, one sentence.
+        what: the problem, one sentence.
     Other arguments:
         where: file, key path or argument that holds it.
-        value: the offending value, shown shortened.
-        allowed: what would be accepted.
+        value: the value, shortened where it is long.
+        allowed: values that are accepted.
         next_step: a command or action that helps.
     """
 

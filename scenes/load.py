@@ -53,7 +53,7 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
 def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> dict[str, Any]:
     """Make the file names of shapes and textures point beside the scene file (or into the library).
 
-    Names that `overrides` replaces are left: the user's own take their place.
+    Names that `overrides` replaces stay as they are.
     """
     objects = data.get("target")
     if isinstance(objects, list):
@@ -74,11 +74,11 @@ def _beside(name: str, folder: Path, where: str) -> str:
     try:
         path = (folder / Path(name).expanduser()).resolve()
     except (OSError, RuntimeError, ValueError) as error:  # links in a circle, no such home, a null byte
-        raise InputError("This is no name of a file.", where=where, value=name, allowed=str(error)) from error
+        raise InputError("This cannot be the name of a file.", where=where, value=name, allowed=str(error)) from error
     if not path.is_relative_to(folder.resolve()):
         raise InputError(
-            "A scene's mesh, grid or texture lies beside its scene file.", where=where, value=name,
+            "A mesh, grid or texture of a scene file should lie in its folder.", where=where, value=name,
             allowed="a name inside the scene file's folder, or library:NAME",
-            next_step=f"copy the file there, or name it yourself: --set {where}=PATH",
+            next_step=f"copy the file there, or name it on the command line: --set {where}=PATH",
         )  # fmt: skip
     return str(path)

@@ -75,23 +75,23 @@ class Medium(Spec):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_water_type(cls, data: Any) -> Any:
-        told = data.get("water_type") if isinstance(data, dict) else None
-        if told is None:
+        given = data.get("water_type") if isinstance(data, dict) else None
+        if given is None:
             return data
         both = [key for key in _FILLED if data.get(key) is not None]
         if both:
             raise ValueError(f"give either water_type or {' and '.join(both)}, not both")
         try:
-            water = told if isinstance(told, WaterType) else WaterType.model_validate(told)
+            water = given if isinstance(given, WaterType) else WaterType.model_validate(given)
         except ValidationError:
             return data | dict.fromkeys(_FILLED, 0.0)  # the field itself reports, under its own path
-        found = water.optics()
-        if found.phase is not None and data.get("phase_function") is not None:
+        optics = water.optics()
+        if optics.phase is not None and data.get("phase_function") is not None:
             raise ValueError(f"{water.source} has its own phase function: give either water_type or phase_function")
-        return data | {"absorption_per_m": found.absorption_per_m, "scattering_per_m": found.scattering_per_m}
+        return data | {"absorption_per_m": optics.absorption_per_m, "scattering_per_m": optics.scattering_per_m}
 
     @model_serializer(mode="wrap")
-    def _without_what_is_filled(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_filled_values(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """As it was given, so that it can be read again and overridden; absent options are left out."""
         data: dict[str, Any] = handler(self)
         if self.water_type is not None:

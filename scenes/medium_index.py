@@ -34,7 +34,7 @@ def _index(medium: Medium, wavelength_m: float, which: Literal["phase", "group"]
         return float(air(wavelength_m, index.temperature_c, index.pressure_pa))
     except ValueError as error:
         raise InputError(
-            "The medium's index has no formula there.",
+            "The formula of the medium's index does not hold at this wavelength.",
             where="medium.index",
             value=wavelength_m,
             allowed=str(error),

@@ -32,7 +32,7 @@ def resolve_file(name: str, where: str) -> Path:
     if name.startswith("library:"):
         bare = name.removeprefix("library:")
         if Path(bare).name != bare:
-            raise InputError("A library file is a bare name.", where=where, value=name)
+            raise InputError("A library file should be named without folders.", where=where, value=name)
         path = LIBRARY / bare
     else:
         path = Path(name).expanduser()
@@ -71,7 +71,7 @@ def shape_mesh(shape: Shape, where: str) -> MeshArrays:
 
 
 def measure_shape(shape: Shape, where: str) -> dict[str, float | int | bool]:
-    """What trimesh measures of a shape's triangles: `vertices`, `faces`, `area_m2`, `watertight`, `loose_edges` (not shared
+    """Measures of a shape's triangles, by trimesh: `vertices`, `faces`, `area_m2`, `watertight`, `loose_edges` (not shared
     by exactly two faces: borders of holes, seams), and `volume_m3` where it is watertight.
 
     Raises:
@@ -129,7 +129,9 @@ def read_array(name: str, where: str) -> NDArray[np.float64]:
     except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds on a damaged file
         raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error}") from error
     if grid is None or grid.ndim != 2 or min(grid.shape) < 2 or not np.issubdtype(grid.dtype, np.number):
-        raise InputError("The file holds no grid of numbers.", where=where, value=name, allowed="one 2-D array, ≥ 2×2")
+        raise InputError(
+            "The file does not hold a grid of numbers.", where=where, value=name, allowed="one 2-D array, ≥ 2×2"
+        )
     return np.asarray(grid, dtype=np.float64)
 
 
@@ -141,7 +143,7 @@ def load_grid(name: str, where: str) -> NDArray[np.float64]:
     """
     heights = read_array(name, where)
     if not np.isfinite(heights).all() or np.ptp(heights) <= 0:
-        raise InputError("Heights must be finite and not all equal.", where=where, value=name)
+        raise InputError("Heights should be finite and not all equal.", where=where, value=name)
     return heights
 
 
@@ -192,7 +194,10 @@ def _read_mesh(shape: MeshFile, where: str) -> Any:
     path = resolve_file(shape.file, where)
     if path.suffix.lower() not in _MESH_SUFFIXES:
         raise InputError(
-            "This kind of mesh file is not read.", where=where, value=path.name, allowed=", ".join(_MESH_SUFFIXES)
+            "Beambench does not read this kind of mesh file.",
+            where=where,
+            value=path.name,
+            allowed=", ".join(_MESH_SUFFIXES),
         )
     try:
         if path.suffix.lower() == ".gz":

@@ -1,4 +1,4 @@
-"""The one override mechanism: `PATH=VALUE` (command line) and `overrides={path: value}` (Python), same bits.
+"""Overrides: `PATH=VALUE` on the command line and `overrides={path: value}` in Python give the same bits.
 
 A path is keys and list indices joined by dots, e.g. `rig.laser.pulse.fwhm_s` or `target.0.material.albedo`; an object of a
 list may also be named: `target.wall.material.albedo`. Overrides are applied to plain data, before validation.
@@ -28,7 +28,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
     """
     if isinstance(assignments, str):
         raise InputError(
-            "Assignments are given as a list.", where="--set", value=assignments, allowed="a list of PATH=VALUE",
+            "Assignments should be a list.", where="--set", value=assignments, allowed="a list of PATH=VALUE",
             next_step=f"[{assignments!r}]",
         )  # fmt: skip
     result: dict[str, Any] = {}
@@ -59,7 +59,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
 
 def _refuse_constant(path: str, text: str) -> float:
     raise InputError(
-        "Numbers must be finite.",
+        "A number should be finite.",
         where=f"--set {path}",
         value=text,
         allowed="a finite number within ±1.8e308; text is put in quotes",
@@ -80,14 +80,14 @@ def apply_overrides(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> di
     """
     if not isinstance(overrides, Mapping):
         raise InputError(
-            "Overrides are given as a table of paths.", where="overrides", value=overrides, allowed="{path: value}",
+            "Overrides should be a table of paths.", where="overrides", value=overrides, allowed="{path: value}",
             next_step='for example: {"rig.camera.rows": 128}',
         )  # fmt: skip
     result: dict[str, Any] = copy.deepcopy(dict(data))
     for path, value in overrides.items():
         if not isinstance(path, str):
             raise InputError(
-                "The path of an override is text.", where="overrides", value=path, allowed="keys joined by dots",
+                "The path of an override should be text.", where="overrides", value=path, allowed="keys joined by dots",
                 next_step='for example: {"rig.camera.rows": 128}',
             )  # fmt: skip
         keys = path.split(".")
@@ -110,7 +110,7 @@ def _through(path: str, node: Any) -> InputError:
         where=path,
         value=node,
         allowed="a path that ends where the value is",
-        next_step="beambench scenes show SCENE tells what there is",
+        next_step="beambench scenes show SCENE   (all paths)",
     )
 
 
@@ -139,9 +139,9 @@ def _index(node: list[Any], key: str, path: str) -> int:
             return position
     names = [str(item["name"]) for item in node if isinstance(item, dict) and "name" in item]
     raise InputError(
-        "An override names no element of the list.",
+        "An override names an element that the list does not have.",
         where=path,
         value=key,
         allowed=", ".join([*([f"0..{len(node) - 1}"] if node else []), *names]) or "nothing: the list is empty",
-        next_step="beambench scenes show SCENE tells what there is",
+        next_step="beambench scenes show SCENE   (all paths)",
     )

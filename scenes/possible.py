@@ -1,4 +1,4 @@
-"""What no experiment could set up: scenes whose every value is allowed and that are impossible together."""
+"""Scenes that cannot be set up although each of their values is allowed."""
 
 from __future__ import annotations
 

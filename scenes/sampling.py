@@ -1,4 +1,4 @@
-"""Steps and tables by which a rig's pulse and gates become samples, and the refusal of those that cannot."""
+"""Steps and tables by which the pulse and gates of a rig become samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene: target, medium, rig, and what the rig is *declared* to be."""
+"""A scene: target, medium, rig, and the values that the rig declares wrongly."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ __all__ = ["Rig", "Scene", "TargetObject", "sizes_of"]
 def _kind(rig: Any) -> str:
     """The kind of a rig, as data or as spec; one that does not say is of the table's first kind."""
     first = next(iter(RIGS))
-    found = rig.get("kind", first) if isinstance(rig, dict) else getattr(rig, "kind", first)
-    return str(found)
+    kind = rig.get("kind", first) if isinstance(rig, dict) else getattr(rig, "kind", first)
+    return str(kind)
 
 
 if TYPE_CHECKING:
     Rig = RigSpec
-else:  # a union of the specs of all kinds, told apart by `kind`
+else:  # the union of the specs of all kinds, discriminated by `kind`
     Rig = Annotated[
         Union[tuple(Annotated[rig_kind(name).spec, Tag(name)] for name in RIGS)],  # noqa: UP007
         Discriminator(

@@ -22,12 +22,12 @@ def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> P
     """The file of a spec: one that ships in `folder`, by its name, or any .toml or .json file, by its path.
 
     Main arguments:
-        source: name or path. folder: where those that ship lie. kind: what it is ("scene"), for the message.
+        source: name or path. folder: of those that ship. kind: "scene" or "suite", for the message.
     Other arguments:
-        next_step: told where no name is near.
+        next_step: of the message where no name is similar.
 
     Raises:
-        InputError: neither; names all that ship, and those that are near.
+        InputError: neither; the message lists all names, and similar ones.
     """
     inside = folder / f"{source}.toml"
     if "/" not in source and inside.is_file():
@@ -63,5 +63,5 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     except (json.JSONDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError("The file is not well formed.", where=str(path), value=str(error)) from error
     if not isinstance(data, dict):
-        raise InputError("A spec is a table of keys.", where=str(path), value=type(data).__name__)
+        raise InputError("A spec should be a table of keys.", where=str(path), value=type(data).__name__)
     return data

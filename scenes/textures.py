@@ -25,8 +25,8 @@ _SUFFIXES = (".npz", ".npy", ".png")
 class Texture(Spec):
     """Relative diffuse albedo T (0 … 1) over a surface: the material's diffuse part is multiplied by it.
 
-    `file`: .npz with one 2-D array or .npy, or a grey .png; beside the scene file, or "library:NAME". `encoding`: how the file
-    tells T: "linear", or "srgb" (IEC 61966-2-1; PNG only). Row 0 is the top. It spans a rectangle or relief as seen by an
+    `file`: .npz with one 2-D array or .npy, or a grey .png; beside the scene file, or "library:NAME". `encoding`: of T in the
+    file: "linear", or "srgb" (IEC 61966-2-1; PNG only). Row 0 is the top. It spans a rectangle or relief as seen by an
     untilted camera; goes once around a sphere, its middle toward the camera, top at −y; follows the uv of a mesh. Bilinear
     between texel centres; beyond the border it goes on as there, around a sphere it closes.
     """
@@ -54,13 +54,18 @@ def load_texture(texture: Texture, where: str) -> Float:
             value = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
     else:
         if texture.encoding == "srgb":
-            raise InputError("Arrays are linear.", where=f"{where}.encoding", value="srgb", allowed='"linear"')
+            raise InputError(
+                "The encoding of an array should be linear.",
+                where=f"{where}.encoding",
+                value="srgb",
+                allowed='"linear"',
+            )
         value = read_array(texture.file, where)
     if value.size > _MAX_TEXELS:
         raise InputError("The texture is too large.", where=where, value=value.shape, allowed=f"{_MAX_TEXELS} texels")
     if not np.isfinite(value).all() or value.min() < 0.0 or value.max() > 1.0:
         raise InputError(
-            "A texture holds relative albedo.", where=where, value=texture.file, allowed="finite values, 0 … 1"
+            "A texture should hold relative albedo.", where=where, value=texture.file, allowed="finite values, 0 … 1"
         )
     return value
 
@@ -74,7 +79,7 @@ def _read_png(path: Path, where: str) -> Float:
         raise InputError("The picture cannot be read.", where=where, value=f"{path.name}: {image.geterror()}")
     if spec.nchannels != 1:
         raise InputError(
-            "A texture has one channel: the laser has one wavelength.", where=where,
+            "A texture should have one channel, since the laser has one wavelength.", where=where,
             value=f"{path.name}: {spec.nchannels} channels", allowed="a grey PNG, 8 or 16 bit",
         )  # fmt: skip
     if spec.width * spec.height > _MAX_TEXELS:

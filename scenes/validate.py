@@ -18,7 +18,7 @@ SpecT = TypeVar("SpecT", bound=BaseModel)
 
 
 def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> SpecT:
-    """Validate plain data against a spec, turning pydantic's errors into one `InputError` that names every path.
+    """Validate plain data against a spec, and raise one `InputError` that names the path of every error.
 
     Validation is strict: "5" is not a number and true is not 1.
     """
@@ -36,7 +36,7 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
         what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}
         more = "".join(
             f"\n           also {_key_path(e, data)}: {_message(e)}" for e in rest[:8]
-        )  # one message for all, so that a user mends a file in one go
+        )  # all in one message, so that a file is mended in one go
         raise InputError(
             what.get(first["type"], "A value is not allowed."),
             where=f"{where}: {path}",
@@ -47,12 +47,12 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
 
 
 def _message(error: Any) -> str:
-    """What pydantic says of a value, its limit in few digits: 1e-15 has too many zeros to be counted."""
+    """Pydantic's message, with its limit in few digits (1e-15 instead of its zeros) and without its own prefix."""
     for key in ("ge", "gt", "le", "lt"):
         limit = error.get("ctx", {}).get(key)
         if isinstance(limit, float):
             return f"{str(error['msg']).rpartition(' ')[0]} {limit:g}"
-    return str(error["msg"])
+    return str(error["msg"]).removeprefix("Value error, ")
 
 
 def _key_path(error: Any, data: Any) -> str:
@@ -77,7 +77,7 @@ def _item(node: Any, part: int | str) -> Any:
 
 
 def _near_keys(model: type[BaseModel], error: Any) -> str:
-    """For an unknown key: the keys of the same name-like elsewhere in the spec."""
+    """For an unknown key: similar keys anywhere in the spec."""
     if error["type"] != "extra_forbidden":
         return ""
     known: set[str] = set()

@@ -136,13 +136,13 @@ def test_a_real_find_replays(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "says"),
     [({"neighbours": ["peak"]}, "at least one neighbour"), ({"scenes": ["amcw"], "neighbours": ["amcw-phase"]}, "cannot be judged"),
      ({"budget": 0}, "out of range"), ({"scenes": ["nowhere"]}, "no such"),
      ({"scenes": ["flat-wall", "amcw"]}, "one modality")],
 )  # fmt: skip
-def test_bad_searches_are_told(tmp_path: Path, change: dict[str, object], told: str) -> None:
+def test_bad_searches_are_refused(tmp_path: Path, change: dict[str, object], says: str) -> None:
     from beambench import break_
 
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=says):
         break_("peak", out=tmp_path / "find", **change)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Stress axes: what a level changes in a scene, neutral levels, units, and what is told of bad ones."""
+"""Stress axes: what a level changes in a scene, neutral levels, units, and messages about bad ones."""
 
 from __future__ import annotations
 
@@ -142,16 +142,16 @@ def test_units(axis: str, unit: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("axis", "told"),
+    ("axis", "says"),
     [("phootns", "did you mean photons"), ("rig.detectr.read_noise_e", "did you mean detector"),
-     ("rig.camera.vignetting", "path of a number")],
+     ("rig.camera.vignetting", "lead to a number")],
 )  # fmt: skip
-def test_bad_axes_are_told(axis: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_bad_axes_are_refused(axis: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
         axis_overrides(load_scene("flat-wall"), axis, 0.3)
 
 
-def test_a_level_that_no_scene_can_have_is_told() -> None:
+def test_a_level_that_no_scene_can_have_is_refused() -> None:
     with pytest.raises(InputError, match="does not fit"):
         stressed(load_scene("flat-wall"), [("background", -1.0)])
     with pytest.raises(InputError, match="does not apply"):

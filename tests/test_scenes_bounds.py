@@ -123,6 +123,6 @@ def test_overrides_of_another_kind_are_told() -> None:
 
 @pytest.mark.parametrize("key", ["--1", "²", "9", "-9", "", "9" * 5000])
 def test_a_key_that_is_no_place_in_a_list_is_told(key: str) -> None:
-    with pytest.raises(InputError, match="names no element") as told:
+    with pytest.raises(InputError, match="names an element that the list does not have") as told:
         apply_overrides({"target": [{"name": "wall"}]}, {f"target.{key}.name": "x"})
     assert told.value.allowed == "0..0, wall" and told.value.next_step

@@ -215,7 +215,7 @@ def test_bad_textures_are_refused(ramp: dict[str, Any], tmp_path: Path) -> None:
     for bad, says in (
         ({"file": str(tmp_path / "bright.npy")}, "relative albedo"), ({"file": str(tmp_path / "flat.npy")}, "grid of numbers"),
         ({"file": str(tmp_path / "none.npy")}, "no such file"), ({"encoding": "srgb"}, "linear"),
-        ({"file": "library:../relief.npz"}, "bare name"),
+        ({"file": "library:../relief.npz"}, "named without folders"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=says):
             Tracer(wall(ramp | bad))
@@ -245,5 +245,5 @@ def test_a_scene_files_texture_lies_beside_it_and_cannot_escape(
     assert told("maps/a.npy") == 0
     for bad in ("../outside.npy", str(tmp_path / "outside.npy"), "link.npy", "maps/../../outside.npy"):
         assert told(bad) == 2, bad
-        assert "beside its scene file" in capsys.readouterr().err
+        assert "of a scene file should lie in its folder" in capsys.readouterr().err
     assert told("maps/none.npy") == 2 and "no such file" in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """The space that `beambench break` searches: scenes under the named stresses, each between two levels.
 
 A candidate is a scene and the levels of some axes; axes that it does not name are as the scene has them. Stresses that hurt
-every estimator alike (a wrong index, a wrong zero of time) are left out: they tell of the calibration, not of an estimator.
+every estimator alike (a wrong index, a wrong zero of time) are left out: they test the calibration, not an estimator.
 """
 
 from __future__ import annotations
@@ -104,16 +104,16 @@ def _series(value: float) -> float:
 
 def dimensions_of(scenes: Sequence[Scene], space: Sequence[Dimension] = SPACE) -> list[Dimension]:
     """The dimensions that apply to at least one of the scenes."""
-    found = []
+    fitting = []
     for dimension in space:
         for scene in scenes:
             try:
                 stressed(scene, [(dimension.axis, dimension.neutral)])
             except InputError:
                 continue
-            found.append(dimension)
+            fitting.append(dimension)
             break
-    return found
+    return fitting
 
 
 def draw(rng: np.random.Generator, scenes: Sequence[str], space: Sequence[Dimension]) -> Candidate:

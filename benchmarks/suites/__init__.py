@@ -1,1 +1,1 @@
-"""Suites: what is scored, as data, and the stresses that change scenes."""
+"""Suites: files that list what is scored, and the stresses that change their scenes."""

@@ -18,19 +18,19 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 def check_split(split: str) -> None:
-    """Refuse a name that is no share of the seeds.
+    """Refuse a split other than "dev" and "test".
 
     Raises:
-        InputError: neither "dev" nor "test".
+        InputError: an unknown split.
     """
     if split not in get_args(Split):
-        raise InputError("The suite's seeds are not split like this.", where="split", value=split, allowed="dev, test")
+        raise InputError("The seeds of a suite have no such split.", where="split", value=split, allowed="dev, test")
 
 
 class SceneEntry(Spec):
     """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
 
-    `name` tells apart two entries of one scene; it defaults to the scene's own name.
+    `name` distinguishes two entries of one scene; it defaults to the scene's own name.
     """
 
     scene: Annotated[str, Field(min_length=1)]

@@ -61,16 +61,16 @@ def axis_overrides(scene: Scene, axis: str, level: float) -> Overrides:
         )
     held = _held(scene, axis)
     if isinstance(held, bool) or not isinstance(held, int | float | type(None)):
-        raise InputError("A stress needs a path of a number.", where=axis, value=held)
+        raise InputError("The path of a stress should lead to a number.", where=axis, value=held)
     # Whole numbers stay whole: a path such as `pulses_per_slice` takes no fractions.
     return {axis: int(level) if isinstance(held, int) and float(level).is_integer() else level}
 
 
 def _held(scene: Scene, path: str) -> Any:
-    """The value at a path, None where the path's last key is new (validation then tells whether it may be)."""
+    """The value at a path, None where the path's last key is new (validation then decides whether it is allowed)."""
     data = scene.model_dump(mode="json")
     head, _, last = path.rpartition(".")
-    apply_overrides(data, {path: None})  # a path that leads nowhere is told with near matches
+    apply_overrides(data, {path: None})  # raises for a path that leads nowhere, with similar ones
     node: Any = data
     for part in filter(None, head.split(".")):
         node = _item(node, part) if isinstance(node, list) else node[part]

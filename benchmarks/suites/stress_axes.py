@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from ...optics.water.phase_forms import TabulatedPhase
 from ...scenes.errors import InputError
-from ...scenes.materials import Lambert, Phong
 from ...scenes.medium_index import group_index, phase_index
 from ...scenes.scene import Scene
 from .changes import (
@@ -134,25 +133,18 @@ def _attenuation_lengths(scene: Scene, level: float) -> Overrides:
     return {"medium": data}
 
 
-#: Exponent of the lobe that diffuse matter gets: half its light within 12 degrees of the mirror direction.
-_LOBE = 30.0
-
-
 def _specular(scene: Scene, level: float) -> Overrides:
-    """The share `level` of every object's albedo goes into a Phong lobe; the albedo stays."""
+    """The share `level` of every object's albedo goes into a mirror-like lobe; the albedo stays."""
+    if not 0.0 <= level <= 1.0:
+        raise DoesNotApply("shares 0 … 1")
     changes: Overrides = {}
     for number, item in enumerate(objects(scene)):
-        material = item.material
-        if isinstance(material, Lambert):
-            albedo, exponent = material.albedo, _LOBE
-        elif isinstance(material, Phong):
-            albedo, exponent = material.diffuse_albedo + material.specular_albedo, material.exponent
-        else:
-            raise DoesNotApply("scenes of Lambert or Phong matter")
-        changes[f"target.{number}.material"] = {
-            "kind": "phong", "diffuse_albedo": albedo * (1.0 - level), "specular_albedo": albedo * level,
-            "exponent": exponent,
-        }  # fmt: skip
+        material = item.material.with_lobe(level)
+        if material is None:
+            raise DoesNotApply(
+                "scenes whose materials all have a form with a mirror-like lobe (such as Lambert and Phong)"
+            )
+        changes[f"target.{number}.material"] = material.model_dump(mode="json")
     return changes
 
 

@@ -1,4 +1,4 @@
-"""Suite files: what is scored, as data. Load, override, hash, and list the captures that a suite asks for."""
+"""Suite files: load, override and hash them, and list the captures that they need."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A suite, validated, with its scenes loaded."""
+    """A validated suite and its loaded scenes."""
 
     suite: Suite
     scenes: tuple[tuple[str, Scene], ...]
@@ -97,7 +97,7 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
             value=names,
             next_step='give one of them its own name: { scene = "...", name = "..." }',
         )
-    for stress in suite.stresses:  # a path that leads nowhere is told before anything runs
+    for stress in suite.stresses:  # raises for a path that leads nowhere before anything runs
         for _, scene in loaded:
             _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
     return Loaded(suite, tuple(loaded), suite_hash(suite, loaded))

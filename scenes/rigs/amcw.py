@@ -103,7 +103,7 @@ class AmcwRig(RigSpec):
         return without_computed(handler(self))
 
     @model_validator(mode="after")
-    def _ambient_is_told_once(self) -> AmcwRig:
+    def _ambient_is_given_once(self) -> AmcwRig:
         collected = collected_m2_sr(self.receiver, self.detector.active_diameter_m)
         self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.detector.quantum_efficiency)
         return self

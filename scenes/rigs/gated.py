@@ -90,7 +90,7 @@ class Screen(Spec):
     albedo: Fraction
 
 
-#: Absent options are left out of the data, so that a rig without them reads as it always did.
+#: Absent options are left out of the data, so that rigs without them keep their data and hash.
 _OPTIONAL = ("motion_m_per_s", "screen")
 
 
@@ -98,8 +98,8 @@ class GatedRig(RigSpec):
     """A range-gated camera with its pulsed laser.
 
     `motion_m_per_s`: the platform's velocity; the scene is as written at the middle of the capture's time, and each slice
-    is taken at once. `screen`: unresolved matter before the target, of which estimators are not told. Ambient light is
-    told as `ambient_e_per_s` (photoelectrons per pixel and second of open gate), or by its spectrum, `ambient`.
+    is taken at once. `screen`: unresolved matter before the target, which the declared rig does not hold. Ambient light is
+    given as `ambient_e_per_s` (photoelectrons per pixel and second of open gate), or by its spectrum, `ambient`.
     """
 
     kind: Literal["gated"] = "gated"
@@ -125,7 +125,7 @@ class GatedRig(RigSpec):
         return without_computed(data)
 
     @model_validator(mode="after")
-    def _ambient_is_told_once(self) -> GatedRig:
+    def _ambient_is_given_once(self) -> GatedRig:
         camera = self.camera
         pixel = camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
         self.__dict__["ambient_e_per_s"] = ambient_rate(self, pixel, camera.quantum_efficiency)
@@ -216,7 +216,7 @@ def _sample_step(rig: GatedRig, where: str) -> float:
     for name, span in zip(names, spans, strict=True):
         if not step < 0.5 * span:
             raise InputError(
-                "Pulse and gates are declared as samples 1 ps apart or more, and these are too short for it.",
+                "The pulse or a gate is too short to be declared as samples at least 1 ps apart.",
                 where=f"{where}: {name}",
                 value=f"{span:.3g} s long with its tails",
                 allowed=f"longer than {2 * step:.3g} s",
@@ -224,7 +224,7 @@ def _sample_step(rig: GatedRig, where: str) -> float:
             )
         if span > step * MOST_SAMPLES:
             raise InputError(
-                "Pulse and gates are declared as samples at one step, and this takes too many of them.",
+                "The pulse or a gate takes too many samples to be declared at the common step.",
                 where=f"{where}: {name}",
                 value=f"{span:.3g} s long with its tails, in steps of {step:.3g} s",
                 allowed=f"at most {MOST_SAMPLES} samples: here {MOST_SAMPLES * step:.3g} s",

@@ -1,4 +1,4 @@
-"""A kind of rig: what the rest of the house needs to know of one modality's instrument, as one record."""
+"""The record of a kind of rig: all that other floors need to know of one modality's instrument."""
 
 from __future__ import annotations
 
