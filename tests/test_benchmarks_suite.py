@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -167,6 +168,16 @@ def test_bad_variants_are_refused(variants: Any, scenes: list[Any], message: str
     with pytest.raises(InputError) as caught:
         load_suite(suite(variants=variants, scenes=scenes))
     assert message in str(caught.value)
+
+
+def test_the_suite_with_variants_in_the_docs(project: Path, tmp_path: Path) -> None:
+    text = (project / "docs" / "stress-and-breakdown.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```toml\n(suite = .*?)```", text, re.DOTALL)
+    (tmp_path / "my-waters.toml").write_text(code, encoding="utf-8")
+    rigs = {name: scene.rig for name, scene in load_suite(tmp_path / "my-waters.toml").scenes}
+    sizes = {name: (rig.camera.rows, rig.camera.cols) for name, rig in rigs.items()}  # type: ignore[attr-defined]
+    assert sizes == {"small": (16, 16), "clear": (16, 16), "clear-dim": (8, 16)}
+    assert rigs["clear-dim"].laser.pulse_energy_j == 2e-8  # type: ignore[attr-defined]
 
 
 def test_no_suite_that_ships_has_a_long_line() -> None:

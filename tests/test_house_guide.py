@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import re
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,11 @@ from beambench.generator.generate import generate
 from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.load import load_scene
 
+from ._guide import block
+
 
 def test_the_example_estimates(project: Path, tmp_path: Path) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", (project / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
+    code = block(project, "an estimator", "python")
     file = tmp_path / "half_sum.py"
     file.write_text(
         code.replace("from ..", "from beambench.estimators.").replace(
