@@ -16,7 +16,8 @@ from beambench.scenes.load import load_scene
 
 
 def test_the_example_estimates(project: Path, tmp_path: Path) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", (project / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (project / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
+    (code,) = (block for block in blocks if "def half_sum(" in block)
     file = tmp_path / "half_sum.py"
     file.write_text(
         code.replace("from ..", "from beambench.estimators.").replace(
