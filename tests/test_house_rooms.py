@@ -25,7 +25,10 @@ ORDER: dict[str, tuple[str, ...]] = {
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example",
     ),
-    "generator": ("rays", "bsdf", "water", "paths", "gated", "ranger", "models", "preview", "generate"),
+    "generator": (
+        "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "models", "checked", "preview", "captured",
+        "generate",
+    ),
     "estimators": ("labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration"),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "laws", "judges", "runner", "report", "search",
