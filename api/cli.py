@@ -11,11 +11,7 @@ from typing import Any, TextIO
 
 from cyclopts import App, CycloptsError
 
-from .commands import data as cli_data
-from .commands import estimators as cli_estimators
-from .commands import fidelity as cli_fidelity
-from .commands import run as cli_run
-from .commands import search as cli_search
+from .commands.table import register
 from .console import terminal
 from .scenes.errors import InputError
 
@@ -60,8 +56,7 @@ app = App(
     suppress_keyboard_interrupt=False,
     result_action="return_value",
 )
-for _part in (cli_run, cli_search, cli_fidelity, cli_data, cli_estimators):
-    _part.register(app)
+register(app)
 
 
 def _completion(shell: str = "bash") -> int:
@@ -140,6 +135,7 @@ def _notes(error: BaseException) -> list[str]:
 
 
 def _run(tokens: list[str]) -> int:
+    _load_listed(tokens)
     if not tokens:
         app.help_print([], console=terminal(width=110))
         return 0
@@ -152,6 +148,13 @@ def _run(tokens: list[str]) -> int:
         result_action="return_value",
     )
     return result if isinstance(result, int) else 0
+
+
+def _load_listed(tokens: list[str]) -> None:
+    """Load the commands of the group that is typed, whose help lists them with the first line of each."""
+    _, chain, _ = app.parse_commands([token for token in tokens if not token.startswith("-")])
+    for name in chain[-1]:
+        chain[-1][name]
 
 
 def _command(error: CycloptsError) -> str:

@@ -9,14 +9,14 @@ import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
+from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from cyclopts import Parameter
 from rich.console import Console
 
 __all__ = [
-    "Common", "Estimators", "Out", "Overrides", "Overwrite", "Report", "Resume", "Split", "Whole", "Wholes", "open_streams",
-    "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal", "whole",
+    "Common", "open_streams", "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal",
+    "whole",
 ]  # fmt: skip
 
 
@@ -29,37 +29,6 @@ class Common:
         bool, Parameter(negative="", show_default=False, help="Print one JSON document instead of text.")
     ] = False
     debug: Annotated[bool, Parameter(negative="", show_default=False, help="Show the traceback of an error.")] = False
-
-
-Overrides = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--set",
-        negative="",
-        help="PATH=VALUE, repeatable: change any value of the spec before it is validated. VALUE is JSON; "
-        "what is no JSON is text.",
-    ),
-]
-Out = Annotated[
-    str | None, Parameter(name=["--out", "-o"], help="Where to write; ./beambench-runs/<name>-<time> if not given.")
-]
-
-
-#: Options that several commands share: one name, one meaning, one line of help.
-Estimators = Annotated[
-    list[str] | None,
-    Parameter(
-        name=["--estimators", "-e"],
-        negative="",
-        help="Take this estimator instead of the suite's: name or name[key=value,...]; repeatable.",
-    ),
-]
-Split = Annotated[
-    Literal["dev", "test"], Parameter(help="Which of the suite's seeds to use: tune on dev, publish test.")
-]
-Resume = Annotated[bool, Parameter(negative="", show_default=False, help="Go on with what was interrupted in --out.")]
-Overwrite = Annotated[bool, Parameter(negative="", show_default=False, help="Replace what is in --out.")]
-Report = Annotated[bool, Parameter(show_default=False, help="Write the page report.html.")]
 
 
 def whole(type_: Any, tokens: Sequence[Any]) -> Any:
@@ -87,9 +56,6 @@ def _whole(text: str) -> int:
 
 #: More digits than any number here has use for; Python itself refuses 4300.
 _MOST_DIGITS = 40
-#: A whole number on the command line, and one that may be given more than once.
-Whole = Annotated[int, Parameter(converter=whole)]
-Wholes = Annotated[list[int], Parameter(converter=whole, negative="")]
 
 
 def open_streams() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .scenes.errors import InputError
 
-__all__ = ["check_free", "claim", "default_out", "is_package", "is_picture", "slug"]
+__all__ = ["check_free", "claim", "default_out", "is_picture", "slug"]
 
 
 def slug(name: str) -> str:
@@ -86,12 +86,3 @@ def is_picture(path: Path) -> bool:
             return file.read(8) in (b"", b"\x89PNG\r\n\x1a\n")
     except OSError:
         return False
-
-
-def is_package(path: Path) -> bool:
-    """Whether a folder is a package that `beambench estimators new` began: by its pyproject.toml."""
-    try:
-        text = (path / "pyproject.toml").read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return False
-    return 'name = "beambench-' in text and '[project.entry-points."beambench.estimators"]' in text

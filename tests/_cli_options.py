@@ -1,4 +1,7 @@
-"""The options of every command as users type them: read from the command line, and as they were pinned on 2026-11-28."""
+"""The options of every command as users type them: read from the command line, and as they were pinned on 2026-11-28.
+
+One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
+"""
 
 from __future__ import annotations
 
@@ -132,7 +135,7 @@ generate: --overwrite <flag> default False
 generate: --plan <flag> default False
 generate: --resume <flag> default False
 generate: --rtol <number|{noise}> default None
-generate: --seeds <text...> default None
+generate: --seeds <number...> default None
 generate: --set <text...> default None
 generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False

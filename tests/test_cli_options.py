@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
-import subprocess
-import sys
-
-import pytest
-from ._cli_options import OPTIONS, options_of
-
 from beambench import cli
+
+from ._cli_options import OPTIONS, options_of
 
 
 def test_the_options_are_those_that_were_pinned() -> None:

@@ -1,20 +1,19 @@
-"""What `generate` is asked for: its captures one by one, checked before any is made, and compared with recorded ones."""
+"""The captures of a data set one by one: of a scene and its seeds, or of a suite, checked before any is made."""
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..scenes.errors import InputError
+from ...scenes.errors import InputError
 
 if TYPE_CHECKING:
-    from ..scenes.scene import Scene
+    from ...scenes.scene import Scene
 
-__all__ = ["Fidelity", "Item", "Rtol", "check_items", "difference", "is_suite", "items_of", "planned", "recorded"]
+__all__ = ["Fidelity", "Item", "Rtol", "check_items", "is_suite", "items_of", "planned"]
 
 Fidelity = Literal["direct", "scatter", "full", "auto"]
 Rtol = float | Literal["noise"]
@@ -38,9 +37,9 @@ class Item:
 
 def is_suite(source: Any) -> bool:
     """Whether `source` names a suite, or is a file of one."""
-    from ..benchmarks.suites.suite import list_suites
-    from ..scenes.load import list_scenes
-    from ..scenes.spec_files import read_spec_file
+    from ...scenes.load import list_scenes
+    from ...scenes.spec_files import read_spec_file
+    from ..suites.suite import list_suites
 
     if not isinstance(source, str | Path):
         return False
@@ -64,8 +63,8 @@ def items_of(
     Raises:
         InputError: no such scene or suite, seeds for a suite (it has its own), or what `check_items` refuses.
     """
-    from ..benchmarks.suites.suite import CELL_NONE, cells_of, load_suite
-    from ..scenes.load import load_scene
+    from ...scenes.load import load_scene
+    from ..suites.suite import CELL_NONE, cells_of, load_suite
 
     groups: dict[str, list[Item]] = {}
     if is_suite(source):
@@ -113,8 +112,8 @@ def check_items(items: Sequence[Item]) -> None:
     Raises:
         InputError: an impossible rung, rtol or combination, or a capture larger than the memory.
     """
-    from ..generator.checked import checked
-    from ..scenes.scene import sizes_of
+    from ...generator.checked import checked
+    from ...scenes.scene import sizes_of
 
     for item in items:
         where = item.scene.name
@@ -142,7 +141,7 @@ def _option(argument: str) -> str:
 
 def planned(item: Item, name: str = "") -> dict[str, Any]:
     """What --plan tells of a capture; `name` is that of the scene in its suite, which may hold one scene several times."""
-    from ..scenes.scene import sizes_of
+    from ...scenes.scene import sizes_of
 
     slices, rows, cols = sizes_of(item.scene)
     return {
@@ -155,72 +154,3 @@ def planned(item: Item, name: str = "") -> dict[str, Any]:
         "fidelity": item.fidelity,
         "rtol": item.rtol,
     }
-
-
-def difference(item: Item, attrs: Mapping[str, Any]) -> str:
-    """In what a recorded capture is not the one that `item` asks for; empty where it is that one."""
-    from ..captures.sources import bare_scene, source_files
-
-    try:
-        recorded_scene = bare_scene(json.loads(attrs["truth_scene"]))
-        provenance = json.loads(attrs["provenance"])
-        arguments = provenance["arguments"]
-        chosen = "chosen" in json.loads(attrs.get("fidelity", "{}"))
-        scene = json.loads(item.scene.model_dump_json())
-        if recorded_scene.get("name") != scene["name"]:
-            return f"it is of scene {recorded_scene.get('name')!r}, not {scene['name']!r}"
-        if arguments["seed"] != item.seed:
-            return f"its seed is {arguments['seed']}, not {item.seed}"
-        if recorded_scene != bare_scene(scene):
-            return "its scene has the same name and other values"
-        if "files" in provenance and provenance["files"] != source_files(scene):
-            return "a mesh, grid or texture of its scene has changed since"
-        # Earlier captures of rangers recorded the rung that "auto" took, all others "auto" itself.
-        rung, rtol = arguments["fidelity"], arguments["rtol"]
-        same_rung = rung == item.fidelity and rtol == item.rtol
-        if not same_rung and not (item.fidelity == "auto" and chosen and rung != "auto"):
-            return f"its fidelity and rtol are {rung}, {rtol}, not {item.fidelity}, {item.rtol}"
-        for name in ("truth_electrons", "truth_components"):
-            if bool(arguments.get(name, False)) != getattr(item, name):
-                return f"it was made with {name} = {bool(arguments.get(name, False))}"
-        if item.key is not None and arguments["capture_key"] != item.key:
-            return "it was made under another key"
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-        return f"it does not record how it was made ({error!r})"
-    return ""
-
-
-def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given: Mapping[str, Any]) -> Item:
-    """The item that a capture records of itself.
-
-    Main arguments:
-        attrs: of the capture. where: which it is. places, given: where the files of its scene lie, see `find_sources`.
-
-    Raises:
-        InputError: it records none, or a file of its scene is not found or has changed.
-    """
-    from ..captures.sources import find_sources
-    from ..scenes.load import load_scene
-
-    try:
-        provenance = json.loads(attrs["provenance"])
-        arguments = provenance["arguments"]
-        data = json.loads(attrs["truth_scene"])
-        scene = load_scene(find_sources(data, provenance.get("files", []), places, given, where))
-        item = Item(
-            scene,
-            int(arguments["seed"]),
-            int(arguments["capture_key"]),
-            arguments["fidelity"],
-            "noise" if arguments["rtol"] == "noise" else float(arguments["rtol"]),
-            bool(arguments["truth_electrons"]),
-            bool(arguments.get("truth_components", False)),
-        )
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-        raise InputError(
-            "The capture does not record how it was generated.",
-            where=where,
-            value=str(error),
-            allowed="a capture that `beambench generate` made",
-        ) from error
-    return item
