@@ -10,6 +10,7 @@ from ..output import default_out
 
 if TYPE_CHECKING:
     from ..benchmarks.datasets.generate import Generated
+    from ..benchmarks.datasets.items import Item
     from ..benchmarks.folders.progress import Progress
     from ..scenes.scene import Scene
 
@@ -42,13 +43,12 @@ def generate(
         overrides: {path: value}, applied before validation.
     Other arguments:
         seeds: Seed of a scene's capture, a whole number; 0 by default. A suite has seeds of its own.
-        fidelity: Rung of the forward model; "auto" takes the cheapest whose predicted error is below `rtol`. By default that of
-            the suite, or "direct".
-        rtol: Largest relative error of the expected counts; by default that of the suite, or 1e-3. With `fidelity` auto also
+        fidelity: Rung of the forward model, by default the suite's or direct; auto takes the cheapest with an error below `rtol`.
+        rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.
-        truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered more
-            often (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
+        truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered
+            repeatedly (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; only `overrides` may
             say where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in the
@@ -59,38 +59,56 @@ def generate(
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns:
-        `plan` (an entry per capture), `paths` (stores) and, with `like`, `comparison`, `differing` and `equal`.
+    Returns `plan` (an entry per capture), `paths` (stores) and, with `like`, `comparison`, `differing` and `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
-    from ..benchmarks.datasets.generate import Generated, make_stores, plan_of, repeat_store
     from ..benchmarks.datasets.items import items_of
-    from ..benchmarks.folders.progress import silent
 
-    place = None if out is None else Path(out).expanduser()
+    place, changes = None if out is None else Path(out).expanduser(), dict(overrides or {})
     if like is not None:
         given = {
             "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,
             "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
         }  # fmt: skip
-        _refuse_beside_like([name for name, value in given.items() if value is not None and value is not False])
-        return repeat_store(Path(like).expanduser(), dict(overrides or {}), plan, place, overwrite, progress or silent)
+        return _repeat(like, given, changes, plan, place, overwrite, progress)
     _check_request(source, place, resume, overwrite)
-    groups = items_of(source, dict(overrides or {}), seeds, fidelity, rtol, truth_electrons, truth_components)
+    groups = items_of(source, changes, seeds, fidelity, rtol, truth_electrons, truth_components)
+    return _make(str(source), groups, plan, place, resume, overwrite, progress)
+
+
+def _make(
+    source: str,
+    groups: dict[str, list[Item]],
+    plan: bool,
+    out: Path | None,
+    resume: bool,
+    overwrite: bool,
+    progress: Progress | None,
+) -> Generated:
+    from ..benchmarks.datasets.generate import Generated, make_stores, plan_of
+    from ..benchmarks.folders.progress import silent
+
     if plan:
         return Generated(plan_of(groups))
     single = len(groups) == 1 and "" in groups
-    base = place or default_out(next(iter(groups.values()))[0].scene.name if single else str(source))
+    base = out or default_out(groups[""][0].scene.name if single else source)
     paths = {name: base if single else base / f"{name}.zarr" for name in groups}
     make_stores(groups, paths, resume, overwrite, progress or silent)
     return Generated(plan_of(groups), list(paths.values()))
 
 
-def _refuse_beside_like(names: list[str]) -> None:
+def _repeat(
+    like: str | Path, given: dict[str, Any], places: dict[str, Any], plan: bool, out: Path | None, overwrite: bool,
+    progress: Progress | None,
+) -> Generated:  # fmt: skip
+    """Repeat the store `like`, unless one of the options in `given` would change what is made."""
+    from ..benchmarks.datasets.generate import repeat_store
+    from ..benchmarks.folders.progress import silent
     from ..scenes.errors import InputError
 
+    names = [name for name, value in given.items() if value is not None and value is not False]
     if names:
         raise InputError(
             "--like repeats a store from its own records; nothing of them can be changed.",
@@ -99,6 +117,7 @@ def _refuse_beside_like(names: list[str]) -> None:
             allowed="--plan, --out, --overwrite, and --set for where a file of its scene lies",
             next_step="leave them out, or generate from the scene",
         )
+    return repeat_store(Path(like).expanduser(), places, plan, out, overwrite, progress or silent)
 
 
 def _check_request(source: Any, out: Path | None, resume: bool, overwrite: bool) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from .suite_changes import suite_changes
+
 if TYPE_CHECKING:
     from ..benchmarks.folders.progress import Progress
     from ..benchmarks.run import RunResult
@@ -54,17 +56,11 @@ def run(
     """
     from ..benchmarks.folders.progress import silent
     from ..benchmarks.run import run_suite
-    from ..benchmarks.runner.estimator_labels import check_estimators
 
-    changes = dict(overrides or {})
-    if isinstance(estimators, str):
-        check_estimators(estimators)  # which refuses it: its letters would pass for a list of labels
-    if estimators:
-        changes["estimators"] = list(estimators)
     return run_suite(
         suite,
         out,
-        overrides=changes,
+        overrides=suite_changes(overrides, estimators),
         split=split,
         resume=resume,
         overwrite=overwrite,

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from .suite_changes import suite_changes
+
 if TYPE_CHECKING:
     from ..benchmarks.folders.progress import Progress
     from ..benchmarks.search.sweep import SweepResult
@@ -57,18 +59,12 @@ def sweep(
         InputError: Bad input, before anything is generated.
     """
     from ..benchmarks.folders.progress import silent
-    from ..benchmarks.runner.estimator_labels import check_estimators
     from ..benchmarks.search.sweep import sweep_suite
 
-    changes = dict(overrides or {})
-    if isinstance(estimators, str):
-        check_estimators(estimators)  # which refuses it: its letters would pass for a list of labels
-    if estimators:
-        changes["estimators"] = list(estimators)
     return sweep_suite(
         suite,
         out,
-        overrides=changes,
+        overrides=suite_changes(overrides, estimators),
         split=split,
         budget=budget,
         depth=depth,
