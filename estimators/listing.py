@@ -71,10 +71,10 @@ def _row_of_plugin(name: str) -> dict[str, Any]:
         return _failed(name, "plug-in", f"its import did not end within {PLUGIN_IMPORT_S:g} s")
     lines = done.stdout.strip().splitlines()
     try:
-        row = json.loads(lines[-1]) if lines else None
+        record = json.loads(lines[-1]) if lines else None
     except ValueError:
-        row = None
-    if done.returncode or not isinstance(row, dict):
+        record = None
+    if done.returncode or not isinstance(record, dict):
         said = (done.stderr.strip().splitlines() or ["nothing"])[-1]
         return _failed(name, "plug-in", f"its import ended the process (exit code {done.returncode}): {said[:200]}")
-    return row
+    return record

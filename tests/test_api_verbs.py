@@ -248,7 +248,7 @@ def test_outputs_are_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(beambench.InputError, match="exists"):
         claim(tmp_path / "mine", "x")
     for ours in (None, is_package):
-        with pytest.raises(beambench.InputError, match="nothing that Beambench"):
+        with pytest.raises(beambench.InputError, match="Beambench did not write"):
             claim(tmp_path / "mine", "x", overwrite=True, ours=ours)
     assert (tmp_path / "mine" / "thesis.tex").read_text() == "years of work"
     ours = beambench.estimators_new("my-median", out=tmp_path / "ours")
@@ -256,7 +256,7 @@ def test_outputs_are_not_overwritten(tmp_path: Path) -> None:
     assert beambench.estimators_new("my-median", out=ours, overwrite=True) == ours
     assert (ours / "notes.txt").read_text() == "mine", "nothing is removed"
     (ours / "pyproject.toml").write_text('[project]\nname = "thesis"\n')
-    with pytest.raises(beambench.InputError, match="nothing that Beambench"):
+    with pytest.raises(beambench.InputError, match="Beambench did not write"):
         beambench.estimators_new("my-median", out=ours, overwrite=True)
 
 

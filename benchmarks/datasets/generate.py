@@ -91,17 +91,17 @@ def _write(path: Path, items: list[Item], resume: bool, overwrite: bool, tell: P
 
 
 def _complete(path: Path, items: list[Item]) -> bool:
-    """Whether the store is there in full and holds exactly `items`. Raises InputError where it holds anything else."""
+    """Whether a complete store exists and holds exactly `items`. Raises InputError if it holds anything else."""
     from ...captures import open_captures
     from ...captures.store.publish import is_store, partial_of
 
     if not is_store(path) or is_store(partial_of(path)):
-        return False  # nothing to go on with, or begun anew: the writer tells what is in the way
+        return False  # nothing to keep, or begun again: the writer refuses what is in the way
     captures = open_captures(path)
     _check_kept(str(path), [captures.attributes(index) for index in range(len(captures))], items)
     if len(captures) < len(items):
         raise InputError(
-            "The store is complete and holds fewer captures than are asked for.",
+            "The store is complete and holds fewer captures than requested.",
             where=str(path),
             value=len(captures),
             allowed=str(len(items)),
@@ -111,12 +111,12 @@ def _complete(path: Path, items: list[Item]) -> bool:
 
 
 def _check_kept(where: str, kept: list[dict[str, Any]], items: list[Item]) -> None:
-    """Refuse to go on with captures that are not the ones asked for: a store would mix two data sets."""
+    """Refuse to continue a store whose captures are not the requested ones: it would mix two data sets."""
     for index, attrs in enumerate(kept):
-        found = difference(items[index], attrs) if index < len(items) else f"only {len(items)} captures are asked for"
-        if found:
+        problem = difference(items[index], attrs) if index < len(items) else f"only {len(items)} captures are requested"
+        if problem:
             raise InputError(
-                f"What is there is not what is asked for: capture {index}: {found}.",
+                f"The existing captures are not the requested ones: capture {index}: {problem}.",
                 where=where,
                 allowed="--resume with the same scene, seeds and options as before",
                 next_step="choose another --out",
@@ -128,7 +128,7 @@ def _make(item: Item) -> xr.Dataset:
     from ...generator.generate import capture_key_of
     from ...generator.generate import generate as make
 
-    # The folder of a mesh has no part in the key: the same scene file gives the same noise wherever it lies.
+    # The key does not depend on the folder of a mesh: the same scene file gives the same noise wherever it lies.
     key = capture_key_of(bare_scene(item.scene.model_dump(mode="json"))) if item.key is None else item.key
     return make(
         item.scene,

@@ -1,4 +1,4 @@
-"""The captures of a data set one by one: of a scene and its seeds, or of a suite, checked before any is made."""
+"""The captures of a data set, one by one: of a scene and its seeds, or of a suite; all are checked before any is made."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Fidelity", "Item", "Rtol", "check_items", "is_suite", "items_of", "p
 Fidelity = Literal["direct", "scatter", "full", "auto"]
 Rtol = float | Literal["noise"]
 
-#: Bytes that generation holds per sample (electrons in float32, counts in uint16) and per slice (its coordinates).
+#: Bytes that generation needs per sample (electrons in float32, counts in uint16) and per slice (its coordinates).
 _BYTES_PER_SAMPLE, _BYTES_PER_SLICE = 6, 40
 
 
@@ -36,7 +36,7 @@ class Item:
 
 
 def is_suite(source: Any) -> bool:
-    """Whether `source` names a suite, or is a file of one."""
+    """Whether `source` is the name or the file of a suite."""
     from ...scenes.load import list_scenes
     from ...scenes.spec_files import read_spec_file
     from ..suites.suite import list_suites
@@ -58,10 +58,10 @@ def items_of(
     electrons: bool,
     components: bool,
 ) -> dict[str, list[Item]]:
-    """Captures to make by store; the one store of a scene has the name "".
+    """Captures to make, by the name of their store; the one store of a scene has the name "".
 
     Raises:
-        InputError: no such scene or suite, seeds for a suite (it has its own), or what `check_items` refuses.
+        InputError: No such scene or suite, seeds for a suite (it has its own), or as `check_items`.
     """
     from ...scenes.load import load_scene
     from ..suites.suite import CELL_NONE, cells_of, load_suite
@@ -100,14 +100,14 @@ def _seeds(seeds: Sequence[int] | None) -> list[int]:
     twice = sorted({n for n in numbers if numbers.count(n) > 1})
     if twice:
         raise InputError(
-            "A seed is given twice: its captures would be equal.", where="--seeds", value=twice,
+            "A seed is given twice; the two captures would be equal.", where="--seeds", value=twice,
             allowed="different seeds",
         )  # fmt: skip
     return [int(n) for n in numbers]
 
 
 def check_items(items: Sequence[Item]) -> None:
-    """Refuse, before any work, what generation would refuse, and what this machine's memory cannot hold.
+    """Refuse, before any work, captures that cannot be generated or do not fit into the memory of this machine.
 
     Raises:
         InputError: an impossible rung, rtol or combination, or a capture larger than the memory.
@@ -140,7 +140,7 @@ def _option(argument: str) -> str:
 
 
 def planned(item: Item, name: str = "") -> dict[str, Any]:
-    """What --plan tells of a capture; `name` is that of the scene in its suite, which may hold one scene several times."""
+    """The entry of a capture in a plan; `name` is that of the scene in its suite, which may hold one scene several times."""
     from ...scenes.scene import sizes_of
 
     slices, rows, cols = sizes_of(item.scene)

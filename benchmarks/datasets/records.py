@@ -1,4 +1,4 @@
-"""What a store records of how its captures were made: to go on with it, and to make it again."""
+"""The records of a store of how its captures were made, by which it is continued or made again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["difference", "recorded"]
 
 
 def difference(item: Item, attrs: Mapping[str, Any]) -> str:
-    """In what a recorded capture is not the one that `item` asks for; empty where it is that one."""
+    """How a recorded capture differs from the requested one, `item`; "" if it is the same."""
     from ...captures.sources import bare_scene, source_files
 
     try:
@@ -24,14 +24,14 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
         chosen = "chosen" in json.loads(attrs.get("fidelity", "{}"))
         scene = json.loads(item.scene.model_dump_json())
         if recorded_scene.get("name") != scene["name"]:
-            return f"it is of scene {recorded_scene.get('name')!r}, not {scene['name']!r}"
+            return f"its scene is {recorded_scene.get('name')!r}, not {scene['name']!r}"
         if arguments["seed"] != item.seed:
             return f"its seed is {arguments['seed']}, not {item.seed}"
         if recorded_scene != bare_scene(scene):
             return "its scene has the same name and other values"
         if "files" in provenance and provenance["files"] != source_files(scene):
             return "a mesh, grid or texture of its scene has changed since"
-        # Rangers record the rung that "auto" took, gated scenes "auto" itself.
+        # For fidelity "auto", some modalities record the chosen rung, others "auto".
         rung, rtol = arguments["fidelity"], arguments["rtol"]
         same_rung = rung == item.fidelity and rtol == item.rtol
         if not same_rung and not (item.fidelity == "auto" and chosen and rung != "auto"):
@@ -40,20 +40,22 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
             if bool(arguments.get(name, False)) != getattr(item, name):
                 return f"it was made with {name} = {bool(arguments.get(name, False))}"
         if item.key is not None and arguments["capture_key"] != item.key:
-            return "it was made under another key"
+            return "it was made with another capture key"
     except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
         return f"it does not record how it was made ({error!r})"
     return ""
 
 
 def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given: Mapping[str, Any]) -> Item:
-    """The item that a capture records of itself.
+    """The request that a capture records.
 
     Main arguments:
-        attrs: of the capture. where: which it is. places, given: where the files of its scene lie, see `find_sources`.
+        attrs: Attributes of the capture.
+        where: The capture, for messages.
+        places, given: Where the files of its scene lie, see `find_sources`.
 
     Raises:
-        InputError: it records none, or a file of its scene is not found or has changed.
+        InputError: It records no request, or a file of its scene is missing or has changed.
     """
     from ...captures.sources import find_sources
     from ...scenes.load import load_scene
@@ -77,6 +79,6 @@ def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given
             "The capture does not record how it was generated.",
             where=where,
             value=str(error),
-            allowed="a capture that `beambench generate` made",
+            allowed="a capture made by `beambench generate`",
         ) from error
     return item

@@ -60,11 +60,11 @@ def _labelled(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_versions(runs: list[dict[str, Any]], where: str) -> None:
-    """Runs that say how they were made must have been made by one contract; a bare table says nothing."""
+    """Refuse runs whose tables follow different versions of the contract; a table without a run record is accepted."""
     found = [run.get("tables_version", 1) for run in runs if run]
     if len(set(found)) > 1:
         raise InputError(
-            "The tables were made by different contracts: what the columns mean has changed between them.",
+            "The tables follow different versions of the contract, between which columns changed their meaning.",
             where=where,
             value=", ".join(f"tables_version {version}" for version in found),
             allowed="equal versions",
@@ -73,7 +73,7 @@ def _check_versions(runs: list[dict[str, Any]], where: str) -> None:
 
 
 def _machines_differ(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
-    """What differs between the machines that two runs name; nothing where one of them names none."""
+    """Differences between the machines of two runs; none if one of them does not name its machine."""
     first, second = a.get("machine"), b.get("machine")
     if not isinstance(first, dict) or not isinstance(second, dict):
         return []
