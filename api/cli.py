@@ -1,4 +1,4 @@
-"""The command line: `beambench VERB …`. Nothing heavy is imported before a command needs it."""
+"""The command line, `beambench VERB …`. Large packages are imported when a command needs them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ from typing import Any, TextIO
 
 from cyclopts import App, CycloptsError
 
-from .commands import data as cli_data
-from .commands import estimators as cli_estimators
-from .commands import fidelity as cli_fidelity
-from .commands import run as cli_run
-from .commands import search as cli_search
+from .commands.table import register
 from .console import terminal
 from .scenes.errors import InputError
 
@@ -29,7 +25,7 @@ _EPILOGUE = """Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 3 cou
 130 interrupted.
 Tab completion: beambench --install-completion, or: beambench completion bash"""
 
-#: What a user can mend when the system refuses: a full disk, a missing right, a wrong place.
+#: Errors of the operating system that a user can correct: a full disk, a missing permission, a wrong path.
 _USERS_ERRNO = {
     errno.ENOSPC,
     errno.EDQUOT,
@@ -60,8 +56,7 @@ app = App(
     suppress_keyboard_interrupt=False,
     result_action="return_value",
 )
-for _part in (cli_run, cli_search, cli_fidelity, cli_data, cli_estimators):
-    _part.register(app)
+register(app)
 
 
 def _completion(shell: str = "bash") -> int:
@@ -74,7 +69,7 @@ def _completion(shell: str = "bash") -> int:
     """
     if shell not in {"bash", "zsh", "fish"}:
         raise InputError(
-            "There is no completion for this shell.", where="shell", value=shell, allowed="bash, zsh, fish"
+            "There is no tab completion for this shell.", where="shell", value=shell, allowed="bash, zsh, fish"
         )
     print(app.generate_completion(prog_name="beambench", shell=shell))  # type: ignore[arg-type]
     return 0
@@ -90,7 +85,11 @@ app.register_install_completion_command("--install-completion", add_to_startup=T
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code; see DESIGN's list in `beambench --help`."""
+    """Run a command and return its exit code; `beambench --help` lists the codes.
+
+    Main arguments:
+        argv: What was typed behind `beambench`; by default that of this process.
+    """
     tokens = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in tokens
     try:
@@ -99,20 +98,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             code = _run(tokens)
         sys.stdout.flush()
     except BrokenPipeError:
-        _let_go_of_stdout()
+        _discard_stdout()
         return 0
     except KeyboardInterrupt as error:
         print("\ninterrupted", file=sys.stderr)
-        _told(*_notes(error))
+        _print_errors(*_notes(error))
         if debug:
             raise
         return 130
     except CycloptsError as error:
-        return _told(f"error: {_one_line(str(error))}", f"  next:    beambench {_command(error)}--help")
+        return _print_errors(f"error: {_one_line(str(error))}", f"  next:    beambench {_command(error)}--help")
     except InputError as error:
         if debug:
             _traceback()
-        return _told(f"error: {error}", *_notes(error))
+        return _print_errors(f"error: {error}", *_notes(error))
     except OSError as error:
         if debug:
             _traceback()
@@ -121,25 +120,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines = [f"error: {os.strerror(error.errno or 0)}."]
         if error.filename is not None:
             lines.append(f"  where:   {error.filename}")
-        advice = "  next:    check the path and the space on its disk, or choose another with --out"
-        return _told(*lines, advice, *_notes(error))
-    except SystemExit as error:  # of a plug-in that ends the process: its code would pass for a command's
-        return _internal(RuntimeError(f"something ended the process with {error.code!r}"), debug)
+        advice = "  next:    check the path and the free space of its disk, or choose another with --out"
+        return _print_errors(*lines, advice, *_notes(error))
+    except SystemExit as error:  # raised by a plug-in: its exit code would be taken for the command's
+        return _internal(RuntimeError(f"a plug-in or library ended the process with exit code {error.code!r}"), debug)
     except Exception as error:
         if debug:
             _traceback()
         code = _internal(error, debug)
-        _told(*_notes(error))
+        _print_errors(*_notes(error))
         return code
     return code
 
 
 def _notes(error: BaseException) -> list[str]:
-    """What a verb noted at its error: what is kept, and how to go on."""
+    """Notes that a verb added to its error: which results are kept, and how to continue."""
     return [f"  kept:    {note}" for note in getattr(error, "__notes__", ())]
 
 
 def _run(tokens: list[str]) -> int:
+    _load_listed(tokens)
     if not tokens:
         app.help_print([], console=terminal(width=110))
         return 0
@@ -154,6 +154,13 @@ def _run(tokens: list[str]) -> int:
     return result if isinstance(result, int) else 0
 
 
+def _load_listed(tokens: list[str]) -> None:
+    """Load the commands of the group that is typed, whose help lists them with the first line of each."""
+    _, chain, _ = app.parse_commands([token for token in tokens if not token.startswith("-")])
+    for name in chain[-1]:
+        chain[-1][name]
+
+
 def _command(error: CycloptsError) -> str:
     chain = [name for name in (error.command_chain or ()) if not name.startswith("-")]
     return "".join(f"{name} " for name in chain)
@@ -163,7 +170,7 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _told(*lines: str) -> int:
+def _print_errors(*lines: str) -> int:
     for line in lines:
         print(line, file=sys.stderr)
     return 2
@@ -172,7 +179,7 @@ def _told(*lines: str) -> int:
 def _internal(error: Exception, debug: bool) -> int:
     print(f"internal error: {type(error).__name__}: {_one_line(str(error))}", file=sys.stderr)
     if not debug:
-        print("  next:    repeat the command with --debug, and report the traceback as a bug", file=sys.stderr)
+        print("  next:    run the command again with --debug, and report the traceback as a bug", file=sys.stderr)
     return 70
 
 
@@ -190,13 +197,13 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """One plain line for a user's warnings; those of libraries about their own future are no news to a user."""
+    """One plain line for each warning to the user; warnings of libraries to their programmers are left out."""
     if issubclass(category, UserWarning):
         print(f"warning: {message}", file=sys.stderr)
 
 
-def _let_go_of_stdout() -> None:
-    """Point standard output to nowhere, so that Python's own flush at exit does not complain of the closed pipe."""
+def _discard_stdout() -> None:
+    """Point standard output to the null device, so that Python's flush at exit does not fail on the closed pipe."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)

@@ -1,4 +1,4 @@
-"""What commands print: tables and lines on standard output for people, JSON with `--json` for programs."""
+"""Output of commands: tables and lines for people, JSON for programs (`--json`); and whole numbers of options."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
+from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from cyclopts import Parameter
 from rich.console import Console
 
 __all__ = [
-    "Common", "Estimators", "Out", "Overrides", "Overwrite", "Report", "Resume", "Split", "Whole", "Wholes", "open_streams",
-    "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal", "whole",
+    "Common", "open_streams", "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal",
+    "whole",
 ]  # fmt: skip
 
 
@@ -31,45 +31,14 @@ class Common:
     debug: Annotated[bool, Parameter(negative="", show_default=False, help="Show the traceback of an error.")] = False
 
 
-Overrides = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--set",
-        negative="",
-        help="PATH=VALUE, repeatable: change any value of the spec before it is validated. VALUE is JSON; "
-        "what is no JSON is text.",
-    ),
-]
-Out = Annotated[
-    str | None, Parameter(name=["--out", "-o"], help="Where to write; ./beambench-runs/<name>-<time> if not given.")
-]
-
-
-#: Options that several commands share: one name, one meaning, one line of help.
-Estimators = Annotated[
-    list[str] | None,
-    Parameter(
-        name=["--estimators", "-e"],
-        negative="",
-        help="Take this estimator instead of the suite's: name or name[key=value,...]; repeatable.",
-    ),
-]
-Split = Annotated[
-    Literal["dev", "test"], Parameter(help="Which of the suite's seeds to use: tune on dev, publish test.")
-]
-Resume = Annotated[bool, Parameter(negative="", show_default=False, help="Go on with what was interrupted in --out.")]
-Overwrite = Annotated[bool, Parameter(negative="", show_default=False, help="Replace what is in --out.")]
-Report = Annotated[bool, Parameter(show_default=False, help="Write the page report.html.")]
-
-
 def whole(type_: Any, tokens: Sequence[Any]) -> Any:
     """Whole numbers of an option, as cyclopts converts them: a list where it may be given more than once.
 
-    A fraction is refused, never rounded: a seed or a budget that is not the one asked for would go unseen. Digits with an
-    exponent (8e9) are taken where they make a whole number.
+    A fraction is refused, not rounded: nobody would notice a seed or a budget other than the given one. Digits with an
+    exponent (8e9) are accepted if they make a whole number.
 
     Raises:
-        ValueError: no whole number, as cyclopts wants it told.
+        ValueError: It is not a whole number; cyclopts turns this into its own error.
     """
     numbers = [_whole(str(getattr(token, "value", token))) for token in tokens]
     several = any(get_origin(part) in (list, tuple, set) for part in (type_, *get_args(type_)))
@@ -85,18 +54,15 @@ def _whole(text: str) -> int:
     raise ValueError(f'"{text}" is not a whole number; fractions are not rounded')
 
 
-#: More digits than any number here has use for; Python itself refuses 4300.
+#: More digits than any number here needs; Python itself refuses 4300.
 _MOST_DIGITS = 40
-#: A whole number on the command line, and one that may be given more than once.
-Whole = Annotated[int, Parameter(converter=whole)]
-Wholes = Annotated[list[int], Parameter(converter=whole, negative="")]
 
 
 def open_streams() -> None:
-    """Give standard output and error that were closed (`>&-`) a place to write to, where nothing is kept.
+    """Connect standard output and error to the null device if they were closed (`>&-`).
 
-    Called before any file is opened: else the first one would take the free number 1, and what libraries print would
-    land in it.
+    Called before any file is opened: otherwise the first one would get the free number 1, and libraries would print into
+    it.
     """
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
@@ -111,12 +77,12 @@ def open_streams() -> None:
 
 class _Terminal(Console):
     def on_broken_pipe(self) -> NoReturn:
-        """Rich would exit with 1; a reader who has seen enough is no failure."""
+        """Rich would exit with 1, but a reader that stops early is not a failure."""
         raise BrokenPipeError
 
 
 def terminal(*, stderr: bool = False, width: int = 160) -> Console:
-    """A console as wide as its terminal; `width` columns where it writes elsewhere."""
+    """A console as wide as its terminal, or of `width` columns if it does not write to a terminal."""
     open_streams()
     stream = sys.stderr if stderr else sys.stdout
     wide = None if stream.isatty() else width
@@ -124,7 +90,7 @@ def terminal(*, stderr: bool = False, width: int = 160) -> Console:
 
 
 def print_lines(*lines: str) -> None:
-    """Plain lines."""
+    """Print plain lines."""
     for line in lines:
         print(line)
 
@@ -132,7 +98,7 @@ def print_lines(*lines: str) -> None:
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Iterable[str] = (), title: str = ""
 ) -> None:
-    """A table without frames; the columns in `right` are numbers."""
+    """Print a table without frames; the columns in `right` hold numbers."""
     from rich.table import Table
     from rich.text import Text
 
@@ -143,24 +109,23 @@ def print_table(
     for name in columns:
         table.add_column(name, justify="right" if name in numbers else "left", overflow="fold", no_wrap=name in numbers)
     for row in rows:
-        # Text, not markup: labels hold square brackets, and names come from strangers.
+        # Text, not markup: labels contain square brackets.
         table.add_row(*(Text(cell) for cell in row))
     terminal().print(table)
 
 
 def print_json(value: Any) -> None:
-    """One JSON document; NaN and infinity, which JSON lacks, become null."""
+    """Print one JSON document; NaN and infinity, which JSON does not have, become null."""
     print(json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False, default=str))
 
 
-#: Columns of score tables that count, and those that hold a number or nothing.
+#: Columns of score tables that hold counts, and those that hold a number or nothing.
 _COUNTS, _LEVELS = ("seed", "n", "peak_bytes"), ("level", "level2")
 
 
 def score_records(rows: Iterable[Mapping[Any, Any]]) -> list[dict[str, Any]]:
-    """Rows of a score table as a program wants them: counts are whole numbers, levels are numbers, null where there is
-    none (in the table's file they are text)."""
-    found = []
+    """Rows of a score table for JSON: counts are whole numbers, levels are numbers or null (in the file they are text)."""
+    records = []
     for row in rows:
         plain = dict(row)
         for key in _COUNTS:
@@ -170,8 +135,8 @@ def score_records(rows: Iterable[Mapping[Any, Any]]) -> list[dict[str, Any]]:
         for key in _LEVELS:
             if isinstance(plain.get(key), str):
                 plain[key] = float(plain[key]) if plain[key] else None
-        found.append(plain)
-    return found
+        records.append(plain)
+    return records
 
 
 def _plain(value: Any) -> Any:
@@ -187,7 +152,7 @@ def _plain(value: Any) -> Any:
 
 
 def size_text(count: float) -> str:
-    """Bytes in words."""
+    """A number of bytes with a fitting unit."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if count < 1024 or unit == "GiB":
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"

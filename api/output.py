@@ -1,4 +1,4 @@
-"""Where a verb writes: a fresh place by default, and never over what is there unless told to."""
+"""The place of a verb's output: new by default; an existing output is replaced only on request."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .scenes.errors import InputError
 
-__all__ = ["check_free", "claim", "default_out", "is_package", "is_picture", "slug"]
+__all__ = ["check_free", "claim", "default_out", "is_picture", "slug"]
 
 
 def slug(name: str) -> str:
@@ -19,17 +19,21 @@ def slug(name: str) -> str:
 
 
 def default_out(name: str) -> Path:
-    """./beambench-runs/<name>-<time>, with a number behind it where two commands fall into one second."""
+    """./beambench-runs/<name>-<time>, followed by a number where two commands start in the same second."""
     from .benchmarks.folders.journal import default_folder
 
     return default_folder(slug(Path(name).stem))
 
 
 def check_free(out: str | Path | None, *, overwrite: bool) -> None:
-    """Refuse an output that exists before any work is done for it.
+    """Refuse an existing output before any work is done for it.
+
+    Main arguments:
+        out: The output; None is not checked.
+        overwrite: Whether it may be replaced.
 
     Raises:
-        InputError: it exists and `overwrite` is not given.
+        InputError: It exists and may not be replaced.
     """
     if out is not None and not overwrite and os.path.lexists(Path(out).expanduser()):
         raise InputError(
@@ -47,16 +51,18 @@ def claim(
     ours: Callable[[Path], bool] | None = None,
     inputs: Sequence[str | Path] = (),
 ) -> Path:
-    """The output's path; makes its parent. Nothing is removed: whoever writes puts its own files in place, one by one.
+    """The path of an output, whose parent folder is created. Nothing is removed: the files are replaced one by one.
 
     Main arguments:
-        out: file or folder; under ./beambench-runs by default. name: of what is written.
+        out: File or folder; by default under ./beambench-runs.
+        name: Name of the output.
     Other arguments:
-        overwrite: what is there may be replaced, if it is `ours`; None: nothing but an empty folder may.
-        inputs: what is read; the output must lie apart from it.
+        overwrite: Whether an existing output may be replaced, if `ours` recognises it.
+        ours: Whether Beambench wrote a file or folder; None: only an empty folder may be replaced.
+        inputs: Files and folders that are read; the output must not overlap them.
 
     Raises:
-        InputError: the output exists and may not be replaced, or it cannot be made there.
+        InputError: The output exists and may not be replaced, or it cannot be created.
     """
     from .benchmarks.folders.workplace import refuse_inputs, refuse_place
 
@@ -68,7 +74,7 @@ def claim(
         empty = path.is_dir() and not any(path.iterdir())
         if not empty and (path.is_symlink() or ours is None or not ours(path)):
             raise InputError(
-                "What is there is nothing that Beambench did write, so it is not replaced.",
+                "Beambench did not write the existing output, so it is not replaced.",
                 where=str(path),
                 allowed="an output of this command, an empty folder or a new name",
             )
@@ -80,18 +86,9 @@ def claim(
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is a PNG picture, or empty as a full disk leaves one."""
+    """Whether a file is a PNG picture, or is empty, as a full disk leaves it."""
     try:
         with open(path, "rb") as file:
             return file.read(8) in (b"", b"\x89PNG\r\n\x1a\n")
     except OSError:
         return False
-
-
-def is_package(path: Path) -> bool:
-    """Whether a folder is a package that `beambench estimators new` began: by its pyproject.toml."""
-    try:
-        text = (path / "pyproject.toml").read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return False
-    return 'name = "beambench-' in text and '[project.entry-points."beambench.estimators"]' in text

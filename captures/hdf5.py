@@ -1,4 +1,4 @@
-"""An HDF5 file that is whole or absent, also where the disk fills: HDF5 itself aborts when it cannot write on closing."""
+"""An HDF5 file that is complete or absent, even on a full disk, where HDF5 itself aborts the process on closing."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["Hdf5Output", "hdf5_output"]
 
 
 class _Sink(io.RawIOBase):
-    """A file whose writes never fail: after the first refusal it keeps them in memory, and `error` tells.
+    """A file whose writes never fail: after the first error, which is kept in `error`, it keeps the data in memory.
 
-    HDF5 holds a file open whose last blocks it could not write, and tries again, without a way out, when the process
-    ends. So it is told that all went well, and the caller looks at `error`.
+    HDF5 keeps a file open if it could not write the last blocks, and tries again when the process ends, which then aborts. So
+    every write reports success to HDF5, and the caller checks `error`.
     """
 
     def __init__(self, file: io.FileIO) -> None:
@@ -86,23 +86,26 @@ class _Sink(io.RawIOBase):
 
 
 class Hdf5Output:
-    """The open file as `h5` (an `h5py.File`), and `check()` to learn early that the disk is full."""
+    """The open file, `h5` (an `h5py.File`), and `check()`, which reports a full disk early."""
 
     def __init__(self, h5: Any, sink: _Sink, path: Path) -> None:
         self.h5, self._sink, self._path = h5, sink, path
 
     def check(self) -> None:
-        """Raise InputError if a write was refused so far."""
+        """Raise InputError if a write has failed so far."""
         if self._sink.error is not None:
             raise _refused(self._sink.error, self._path) from self._sink.error
 
 
 @contextmanager
 def hdf5_output(path: Path) -> Iterator[Hdf5Output]:
-    """Write an HDF5 file under another name and give it its own when the block ends without an error.
+    """Write an HDF5 file under a temporary name and rename it when the block ends without an error.
+
+    Main arguments:
+        path: The file.
 
     Raises:
-        InputError: the place cannot be written, or is full; then nothing is left under either name.
+        InputError: The file cannot be written, or the disk is full; then neither file is left.
     """
     import h5py
 

@@ -216,3 +216,30 @@ def test_score_refuses_them_too(tmp_path: Path, capsys: pytest.CaptureFixture[st
         )
         assert cli.main(["score", str(store), str(path), "-o", str(tmp_path / "s")]) == 2
         assert told in capsys.readouterr().err and not (tmp_path / "s").exists()
+
+
+# ---------------------------------------------------------------- captures that no estimator reads
+
+
+@pytest.mark.parametrize("modality", ["laser_line", "wavefront", "amcw"])
+def test_captures_that_no_named_estimator_reads_are_bad_input(
+    modality: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = write(tmp_path / "store", example_capture(modality))
+    assert cli.main(["estimate", str(store), "-e", "peak", "-o", str(tmp_path / "out")]) == 2
+    shown = capsys.readouterr().err
+    assert "None of the named estimators reads captures of this modality." in shown and modality in shown
+    assert "captures of modality gated" in shown and "beambench estimators list" in shown
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="None of the named estimators"):
+        beambench.estimate(store, ["peak", "weighted-average"], out=tmp_path / "out")
+
+
+def test_one_estimator_that_reads_the_captures_is_enough(tmp_path: Path) -> None:
+    """The others are skipped, and their file says why."""
+    store = write(tmp_path / "store", example_capture("gated"))
+    folder = beambench.estimate(store, ["peak", "amcw-phase"], out=tmp_path / "out")
+    with h5py.File(folder / "amcw-phase.h5") as file:
+        assert [text.decode() for text in file["status"][()]] == ["skip: reads amcw captures, not gated"]
+    with h5py.File(folder / "peak.h5") as file:
+        assert not file["status"][()][0].startswith(b"skip")

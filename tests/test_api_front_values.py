@@ -11,7 +11,7 @@ import pytest
 
 from beambench import cli
 from beambench.console import score_records, whole
-from beambench.verbs import doctor as verb_doctor
+from beambench.health import packages
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_scores_are_printed_as_what_they_are() -> None:
 
 
 def test_the_doctor_looks_at_all_that_the_package_needs() -> None:
-    needs = verb_doctor._needs()
+    needs = packages.needs_of_package()
     assert needs is not None and len(needs[""]) > 15
     names = {one.name for found in needs.values() for one in found}
     told = {
@@ -68,7 +68,7 @@ def test_the_doctor_looks_at_all_that_the_package_needs() -> None:
 
 
 def test_the_doctor_tells_a_version_that_is_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = verb_doctor._version
-    monkeypatch.setattr(verb_doctor, "_version", lambda name: "1.26.0" if name == "numpy" else real(name))
-    (numpy,) = [finding for finding in verb_doctor._packages() if finding.name == "numpy"]
+    real = packages.version_of
+    monkeypatch.setattr(packages, "version_of", lambda name: "1.26.0" if name == "numpy" else real(name))
+    (numpy,) = [finding for finding in packages.packages() if finding.name == "numpy"]
     assert numpy.state == "broken" and "1.26.0" in numpy.found and ">=2" in numpy.advice

@@ -54,7 +54,7 @@ def test_resume_goes_on_with_the_same_captures_only(tmp_path: Path) -> None:
     others: list[tuple[str, dict[str, Any], str]] = [
         ("sphere", {"seeds": [1, 2, 3]}, "of scene 'flat-wall'"),
         ("flat-wall", {"seeds": [1, 9, 3]}, "capture 1: its seed is 2, not 9"),
-        ("flat-wall", {"seeds": [1]}, "only 1 captures are asked for"),
+        ("flat-wall", {"seeds": [1]}, "only 1 captures are requested"),
         ("flat-wall", {"seeds": [1, 2, 3], "rtol": 0.01}, "rtol"),
         ("flat-wall", {"seeds": [1, 2, 3], "truth_electrons": True}, "truth_electrons"),
         ("flat-wall", {"seeds": [1, 2, 3], "overrides": SMALL | {"rig.t0_s": 1e-9}}, "other values"),
@@ -62,7 +62,7 @@ def test_resume_goes_on_with_the_same_captures_only(tmp_path: Path) -> None:
     for scene, options, told in others:
         with pytest.raises(InputError, match=told) as caught:
             beambench.generate(scene, **({"overrides": SMALL} | options), out=path, resume=True)
-        assert "not what is asked for" in str(caught.value)
+        assert "not the requested ones" in str(caught.value)
     assert (path.with_name("r.zarr.partial") / "journal.jsonl").read_bytes() == begun
     beambench.generate("flat-wall", overrides=SMALL, seeds=[1, 2, 3], out=path, resume=True)
     assert seeds_of(path) == [1, 2, 3]

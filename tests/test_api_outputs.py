@@ -332,7 +332,7 @@ def test_a_picture_is_whole_or_the_old_one(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(drawing, "preview", lambda scene, size: drawing.Preview(picture, 0.5, (0.0, 1.0, 0.0), True))
     out = tmp_path / "a.png"
     out.write_text("no picture")
-    with pytest.raises(InputError, match="nothing that Beambench"):
+    with pytest.raises(InputError, match="Beambench did not write"):
         beambench.scenes_preview("step", out=out, overwrite=True)
     out.unlink()
     beambench.scenes_preview("step", out=out)

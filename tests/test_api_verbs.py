@@ -15,7 +15,8 @@ import pytest
 
 import beambench
 from beambench import cli
-from beambench.output import claim, default_out, is_package, slug
+from beambench.estimators.package import is_package
+from beambench.output import claim, default_out, slug
 
 SMALL = {"rig.camera.rows": 20, "rig.camera.cols": 24}
 SET = ["--set", "rig.camera.rows=20", "--set", "rig.camera.cols=24"]
@@ -247,7 +248,7 @@ def test_outputs_are_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(beambench.InputError, match="exists"):
         claim(tmp_path / "mine", "x")
     for ours in (None, is_package):
-        with pytest.raises(beambench.InputError, match="nothing that Beambench"):
+        with pytest.raises(beambench.InputError, match="Beambench did not write"):
             claim(tmp_path / "mine", "x", overwrite=True, ours=ours)
     assert (tmp_path / "mine" / "thesis.tex").read_text() == "years of work"
     ours = beambench.estimators_new("my-median", out=tmp_path / "ours")
@@ -255,7 +256,7 @@ def test_outputs_are_not_overwritten(tmp_path: Path) -> None:
     assert beambench.estimators_new("my-median", out=ours, overwrite=True) == ours
     assert (ours / "notes.txt").read_text() == "mine", "nothing is removed"
     (ours / "pyproject.toml").write_text('[project]\nname = "thesis"\n')
-    with pytest.raises(beambench.InputError, match="nothing that Beambench"):
+    with pytest.raises(beambench.InputError, match="Beambench did not write"):
         beambench.estimators_new("my-median", out=ours, overwrite=True)
 
 
@@ -290,13 +291,16 @@ def test_doctor() -> None:
 
 def test_doctor_without_a_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scoring works without Mitsuba, so its absence is a warning with the command that mends it."""
-    from beambench.verbs import doctor as verb_doctor
+    from beambench.health import machine, packages, rendering
 
-    real = verb_doctor._version
-    monkeypatch.setattr(
-        verb_doctor, "_version", lambda name: None if name in {"mitsuba", "drjit", "pyvisa"} else real(name)
-    )
-    findings = {finding.name: finding for finding in verb_doctor.doctor()}
+    real = packages.version_of
+
+    def version_of(name: str) -> str | None:
+        return None if name in {"mitsuba", "drjit", "pyvisa"} else real(name)
+
+    for module in (machine, packages, rendering):
+        monkeypatch.setattr(module, "version_of", version_of)
+    findings = {finding.name: finding for finding in beambench.doctor()}
     assert findings["backend"].state == "warning" and "pip install" in findings["backend"].advice
     assert findings["drivers"].advice == "pip install 'beambench[drivers]'"
     assert not [finding for finding in findings.values() if finding.state == "broken"]
@@ -304,10 +308,10 @@ def test_doctor_without_a_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_doctor_survives_a_backend_that_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong libLLVM kills the process that loads it: the trial's, not the doctor's."""
-    from beambench.verbs import doctor as verb_doctor
+    from beambench.health import rendering
 
-    monkeypatch.setattr(verb_doctor, "_PROBE", "import os; os.abort()")
-    assert verb_doctor._rendering().state == "broken"
+    monkeypatch.setattr(rendering, "_PROBE", "import os; os.abort()")
+    assert rendering.renderer().state == "broken"
 
 
 def test_scoring_needs_no_renderer(store: Path, estimates: Path, tmp_path: Path) -> None:

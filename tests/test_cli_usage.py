@@ -201,7 +201,7 @@ def test_an_interruption_exits_130(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     def interrupted(*args: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("beambench.verbs.scenes.scenes_list", interrupted)
+    monkeypatch.setattr("beambench.scenes.load.list_scenes", interrupted)
     assert cli.main(["scenes", "list"]) == 130
     assert "Traceback" not in capsys.readouterr().err
 
@@ -210,7 +210,7 @@ def test_an_internal_error_exits_70(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     def broken(*args: object, **options: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("beambench.verbs.scenes.scenes_list", broken)
+    monkeypatch.setattr("beambench.scenes.load.list_scenes", broken)
     assert cli.main(["scenes", "list"]) == 70
     shown = capsys.readouterr().err
     assert "RuntimeError: a bug" in shown and "--debug" in shown and "Traceback" not in shown
@@ -222,7 +222,7 @@ def test_a_full_disk_is_the_users_to_mend(monkeypatch: pytest.MonkeyPatch, capsy
     def full(*args: object, **options: object) -> None:
         raise OSError(28, "No space left on device", "/somewhere/scores.csv")
 
-    monkeypatch.setattr("beambench.verbs.scenes.scenes_list", full)
+    monkeypatch.setattr("beambench.scenes.load.list_scenes", full)
     assert cli.main(["scenes", "list"]) == 2
     shown = capsys.readouterr().err
     assert "No space left on device" in shown and "/somewhere/scores.csv" in shown

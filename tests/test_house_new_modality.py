@@ -52,7 +52,9 @@ def copy(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for table, line in lines_of_page(text).items():
         path = folder / TABLES[table]
         source = path.read_text(encoding="utf-8")
-        edited, count = re.subn(rf"^({table}: dict\[str, str\] = \{{\n)", rf"\1    {line}\n", source, flags=re.MULTILINE)
+        edited, count = re.subn(
+            rf"^({table}: dict\[str, str\] = \{{\n)", rf"\1    {line}\n", source, flags=re.MULTILINE
+        )
         if table == "RIGS":  # a rig that gives no kind is of the first: a new kind goes last
             edited, count = re.subn(
                 rf"^({table}: dict\[str, str\] = \{{\n(?:    .*\n)*)", rf"\1    {line}\n", source, flags=re.MULTILINE

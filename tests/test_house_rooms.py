@@ -24,17 +24,20 @@ ORDER: dict[str, tuple[str, ...]] = {
     "scenes": ("rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load"),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example",
+        "export", "contents",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "models", "checked", "preview", "captured",
         "generate",
     ),
-    "estimators": ("labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration"),
-    "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "laws", "judges", "runner", "report", "search",
-        "peers", "fidelity", "run", "checks", "reproduce",
+    "estimators": (
+        "labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration", "listing", "package",
     ),
-    "api": ("output", "console", "verbs", "commands", "cli", "__main__"),
+    "benchmarks": (
+        "folders", "statistics", "suites", "scores", "bounds", "written", "laws", "judges", "runner", "report", "datasets",
+        "search", "peers", "fidelity", "run", "checks", "reproduce",
+    ),
+    "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip
 
 #: Longest function, lines. Compiled kernels are one loop that a call would slow down.

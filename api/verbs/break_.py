@@ -29,22 +29,31 @@ def break_(
     progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> BreakResult:
-    """Search scenes and stresses for where an estimator fails against its neighbours, and shrink the find to a suite of
-    at most ten lines that `beambench run` repeats.
+    """Search for a scene in which an estimator fails and its neighbours do not, and write it as a suite of at most ten lines.
+
+    `beambench run` repeats that suite. The exit code is 0 whether or not a failure is found.
 
     Main arguments:
-        name: the estimator's label, `name` or `name[key=value,...]`.
-        neighbours: labels that it is compared with; one of each family by default.
-        scenes: names or paths, the plainest first.
+        name: The estimator, as name or name[key=value,...].
+        neighbours: An estimator to compare with; one of each family by default.
+        scenes: A scene to search, by name or file, the plainest first.
     Other arguments:
-        overrides: {path: value} of every scene. side: rows and columns of the captures.
-        factor: how many times worse than the best neighbour (and than itself usually) counts as a failure.
-        budget: candidates judged. seed: of search and captures. out: folder. overwrite: replace an earlier one, once
-            the new one is complete.
-        progress: told of every candidate. command: what was typed, for run.json.
+        overrides: {path: value} of every scene.
+        side: Rows and columns of the captures.
+        factor: A failure is an error this many times that of the best neighbour, and that of the estimator on the scenes as
+            written.
+        budget: Number of candidates to try before the scene is simplified.
+        seed: Random seed of the search and of the captures.
+        out: Folder of the results; ./beambench-runs/break-<name>-<time> by default.
+        overwrite: Replace an earlier result in `out`, once the new one is complete.
+        progress: Receives every candidate.
+        command: What was typed, for run.json.
+
+    Returns:
+        The result: `found`, `spec` (the suite file), `ratio`, `scene`, `levels`, `judged` and `out`.
 
     Raises:
-        InputError: bad input, before anything is searched.
+        InputError: Bad input, before anything is searched.
     """
     from ..benchmarks.folders.kinds import BREAK, slug
     from ..benchmarks.folders.progress import silent

@@ -13,48 +13,33 @@ __all__ = ["data_finalize", "data_repair", "data_status", "data_verify"]
 
 
 def data_status(data: str | Path) -> dict[str, Any]:
-    """What a store holds: modality, number of captures, sizes, and of each capture its scene, seed and kind of truth.
+    """Show the contents of a store of captures.
+
+    Main arguments:
+        data: The store.
+
+    Returns:
+        Modality, number of captures, sizes, bytes on disk, and of each capture its scene, seed, kind of truth and rung.
 
     Raises:
-        InputError: there is no store with sound metadata.
+        InputError: There is no store with undamaged metadata.
     """
-    import json
+    from ..captures.contents import contents
 
-    from ..captures import open_captures
-
-    root = Path(data)
-    captures = open_captures(root)
-    rows = []
-    for index in range(len(captures)):
-        attrs = captures.attributes(index)
-        scene = json.loads(attrs["truth_scene"]) if isinstance(attrs.get("truth_scene"), str) else {}
-        fidelity = json.loads(attrs["fidelity"]) if isinstance(attrs.get("fidelity"), str) else {}
-        rows.append(
-            {
-                "capture": index,
-                "scene": (scene or {}).get("name", ""),
-                "seed": attrs.get("seed"),
-                "truth": attrs.get("truth_kind", ""),
-                "fidelity": (fidelity or {}).get("rung", ""),
-            }
-        )
-    sizes = {str(name): int(size) for name, size in captures.load(0).sizes.items()} if rows else {}
-    used = sum(file.stat().st_size for file in root.rglob("*") if file.is_file())
-    return {
-        "path": str(root),
-        "modality": captures.modality,
-        "count": len(rows),
-        "sizes": sizes,
-        "bytes": used,
-        "captures": rows,
-    }
+    return contents(Path(data))
 
 
 def data_verify(data: str | Path) -> list[Damage]:
-    """Read every byte of a store and list what is damaged; an empty list says that it is sound.
+    """Read every byte of a store and list the damage; the exit code is 1 if there is any.
+
+    Main arguments:
+        data: The store.
+
+    Returns:
+        The damaged files; none if the store is sound.
 
     Raises:
-        InputError: there is no store with a sound manifest.
+        InputError: There is no store with an undamaged manifest.
     """
     from ..captures import verify
 
@@ -62,10 +47,15 @@ def data_verify(data: str | Path) -> list[Damage]:
 
 
 def data_repair(data: str | Path, *, overwrite: bool = False) -> Recovery:
-    """Drop the damaged captures of a store; the sound ones keep their order, and the files dropped stay in NAME.dropped.
+    """Remove the damaged captures of a store and keep the sound ones; the removed files stay beside it in NAME.dropped.
+
+    Main arguments:
+        data: The store, or an unfinished one (NAME.partial).
+    Other arguments:
+        overwrite: Replace an existing output.
 
     Raises:
-        InputError: nothing there, a file that cannot be read, damaged metadata, or no sound capture.
+        InputError: There is no store, a file cannot be read, the metadata are damaged, or no capture is sound.
     """
     from ..captures import repair
 
@@ -73,10 +63,15 @@ def data_repair(data: str | Path, *, overwrite: bool = False) -> Recovery:
 
 
 def data_finalize(data: str | Path, *, overwrite: bool = False) -> Recovery:
-    """Turn the complete captures of an interrupted run (`NAME.partial`) into a store.
+    """Turn the complete captures of an interrupted `beambench generate` into a store.
+
+    Main arguments:
+        data: Name of the store, with or without .partial.
+    Other arguments:
+        overwrite: Replace an existing store.
 
     Raises:
-        InputError: nothing unfinished there, or damage.
+        InputError: There is no unfinished store, or it is damaged.
     """
     from ..captures import finalize
 

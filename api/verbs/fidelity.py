@@ -1,4 +1,4 @@
-"""`beambench fidelity`: every rung of the ladder on a family of scenes, and the choice between them."""
+"""`beambench fidelity`: cost and error of every rung of the generator, and the choice between them."""
 
 from __future__ import annotations
 
@@ -17,25 +17,29 @@ def fidelity(
     resume: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
-    """Measure cost, error and task error of every rung on a seeded family of scenes; returns the folder that is written.
+    """Measure the cost and the error of each rung of the generator, and whether fidelity "auto" chooses well.
 
-    Media (air, faint, clear, coastal, harbour water), shapes (flat, corner, bowl, relief, mesh), near and far; albedo, water,
-    tilt, depth and beam are drawn so that the borders between rungs are met. Errors are relative to two independent
-    references: mitransient's and ours where mitransient's noise allows, else two of ours. Limits: 10, 3 and 1 % of
-    the stack, and the detector's noise.
+    The scenes are drawn at random: media (air, faint, clear, coastal and harbour water), shapes (flat, corner, bowl, relief,
+    mesh), near and far; albedo, water, tilt, depth and beam vary so that the limits between rungs are crossed. Errors
+    are relative to two independent references: mitransient and ours where the noise of mitransient allows, else two
+    of ours. The limits are 10, 3 and 1 % of the expected counts, and the noise of the detector.
 
     Main arguments:
-        scenes: how many. seed: names the draws.
+        scenes: Number of scenes.
+        seed: Random seed of the scenes.
     Other arguments:
-        out: folder; ./beambench-runs/fidelity-<time> by default. overwrite: replace an earlier measurement, once the
-            new one is complete.
-        resume: go on with one that was interrupted. progress: told one line per scene.
+        out: Folder of the results; ./beambench-runs/fidelity-<time> by default.
+        overwrite: Replace an earlier measurement, once the new one is complete.
+        resume: Continue an interrupted measurement in `out` after its last complete scene.
+        progress: Receives one line per scene.
 
-    Writes fidelity.csv (a row for each scene, rung and limit), policies.csv (shares within the limit and cost of always-full,
-    always-cheapest and auto), fidelity.json (the rule, right rungs, references of every scene) and fidelity.svg.
+    Returns:
+        The folder, with fidelity.csv (a row per scene, rung and limit), policies.csv (share within the limit and cost of
+        always the fullest rung, always the cheapest, and auto), fidelity.json (the rule, correct rungs, references of
+        every scene) and fidelity.svg.
 
     Raises:
-        InputError: no scene, a negative seed, an output that exists, or to resume a measurement of another seed.
+        InputError: No scene, a negative seed, an output that exists, or a measurement with another seed to continue.
     """
     from ..benchmarks.fidelity.run import run_fidelity
     from ..scenes.errors import InputError
@@ -43,5 +47,5 @@ def fidelity(
     if scenes < 1:
         raise InputError("At least one scene is needed.", where="scenes", value=scenes, allowed="1, 2, 3, …")
     if seed < 0:
-        raise InputError("A seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
+        raise InputError("A random seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
     return run_fidelity(scenes, seed, out, progress, resume=resume, overwrite=overwrite)

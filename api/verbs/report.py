@@ -1,4 +1,4 @@
-"""`beambench report`."""
+"""`beambench report`: the page of a run."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ __all__ = ["report"]
 
 
 def report(folder: str | Path) -> Path:
-    """Write report.html and the chart's PNG and SVG into the folder of a run, and return the page's path.
+    """Write report.html and its chart (PNG, SVG) into the folder of a run.
+
+    Main arguments:
+        folder: Folder of a run, with scores.csv or scores.parquet; run.json and pictures/ are used if they exist.
+
+    Returns:
+        The path of the page.
 
     Raises:
-        InputError: the folder holds no score table, or a file of it cannot be read.
+        InputError: The folder holds no score table, or one of its files cannot be read.
     """
     from ..benchmarks.report.page import write_report
 

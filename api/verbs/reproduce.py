@@ -1,4 +1,4 @@
-"""`beambench reproduce`: the numbers and figures of the first document, with a verdict on each."""
+"""`beambench reproduce`: the numbers and figures of Guo et al. 2017, with a verdict on each."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ def reproduce(
     pictures: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
-    """Recompute every equation, figure and table of document 000, sections 2 to 5, and return what was left.
+    """Recompute the equations, figures and tables of Guo et al. 2017, sections 2 to 5, with a verdict on each.
 
-    The result has `out` (folder), `rows` (of reproduction.csv), `page` (reproduction.html) and `wall_s`. All seeds are
-    fixed: reproduction.csv is the same bytes on every run of one machine.
+    All random seeds are fixed, so reproduction.csv has the same bytes in every run on one machine.
 
     Main arguments:
-        out: folder; ./beambench-runs/reproduce-<time> by default.
+        out: Folder of the results; ./beambench-runs/reproduce-<time> by default.
     Other arguments:
-        overwrite: replace an earlier output, once the new one is complete. pictures: draw charts and surfaces.
-        progress: told of each part.
+        overwrite: Replace an earlier output, once the new one is complete.
+        pictures: Draw charts, raw images and surfaces.
+        progress: Receives a line for each part.
+
+    Returns:
+        The result: `out` (folder), `rows` (of reproduction.csv), `page` (reproduction.html) and `wall_s`.
 
     Raises:
-        InputError: the output exists, or cannot be written.
+        InputError: The output exists, or cannot be written.
     """
     from dataclasses import replace
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from .suite_changes import suite_changes
+
 if TYPE_CHECKING:
     from ..benchmarks.folders.progress import Progress
     from ..benchmarks.run import RunResult
@@ -27,33 +29,38 @@ def run(
     progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> RunResult:
-    """Run a suite and return what it left: `out` (folder), `rows` (of scores.csv), `report` (page), `failures`.
+    """Generate, estimate, score and report a suite; `quickstart` is the demo.
+
+    An estimator that fails is a row of the table with its status; the command succeeds all the same.
 
     Main arguments:
-        suite: a name that ships, a path to a .toml or .json file, or plain data.
+        suite: Name of a suite that ships with Beambench, or a .toml or .json file; in Python also a suite as data.
         overrides: {path: value}, applied before validation; a path of the suite, or one of every scene.
     Other arguments:
-        estimators: labels to run instead of the suite's. split: which seeds to score on.
-        out: folder; ./beambench-runs/<suite>-<time> by default. resume, overwrite: what to do where it exists.
-        cache: take answers that an earlier run measured on this machine, with their times, and keep the new ones.
-        report: write report.html. progress: told of every step. command: what was typed, for run.json.
+        estimators: Run this estimator instead of those of the suite: name or name[key=value,...].
+        split: Seeds of the suite to use: tune parameters on dev, publish results of test.
+        out: Folder of the results; ./beambench-runs/<suite>-<time> by default.
+        resume: Continue an interrupted run in `out`.
+        overwrite: Replace an earlier run in `out`.
+        report: Write the page report.html.
+        cache: Take results that an earlier run measured on this machine (same capture, source code and parameters), with
+            their times, which are marked as such, and keep the new ones. Failures are never kept.
+        progress: Receives every step.
+        command: What was typed, for run.json.
+
+    Returns:
+        The result: `out` (folder), `rows` (of scores.csv), `report` (page), `failures`, `warnings` and `wall_s`.
 
     Raises:
-        InputError: bad input, before anything is generated. A failing estimator is a row with its status, no error.
+        InputError: Bad input, before anything is generated.
     """
     from ..benchmarks.folders.progress import silent
     from ..benchmarks.run import run_suite
-    from ..benchmarks.runner.estimator_labels import check_estimators
 
-    changes = dict(overrides or {})
-    if isinstance(estimators, str):
-        check_estimators(estimators)  # which refuses it: its letters would pass for a list of labels
-    if estimators:
-        changes["estimators"] = list(estimators)
     return run_suite(
         suite,
         out,
-        overrides=changes,
+        overrides=suite_changes(overrides, estimators),
         split=split,
         resume=resume,
         overwrite=overwrite,

@@ -13,7 +13,11 @@ __all__ = ["scenes_list", "scenes_preview", "scenes_show"]
 
 
 def scenes_list() -> list[dict[str, Any]]:
-    """The scenes of the library: name, title, modality, image size and number of slices."""
+    """List the scenes of the library.
+
+    Returns:
+        One record per scene: name, title, modality, size, number of objects, and medium.
+    """
     from ..scenes.load import list_scenes, load_scene
     from ..scenes.scene import sizes_of
 
@@ -37,14 +41,17 @@ def scenes_list() -> list[dict[str, Any]]:
 
 
 def scenes_show(scene: str | Path | Mapping[str, Any] | Scene, *, overrides: Mapping[str, Any] | None = None) -> Scene:
-    """The scene as validated, with every value that `overrides` can set.
+    """Print a scene in full, as validated, in JSON: a start for a scene file of your own.
 
     Main arguments:
-        scene: a name in the library, a path to a .toml or .json file, plain data, or a Scene.
+        scene: Name of a scene of the library, or a .toml or .json file; in Python also a scene as data.
         overrides: {path: value}, applied before validation.
 
+    Returns:
+        The scene, with every value that `overrides` can set.
+
     Raises:
-        InputError: no such scene, an unknown key, a missing or impossible value.
+        InputError: No such scene, an unknown key, or a missing or impossible value.
     """
     from ..scenes.load import load_scene
 
@@ -59,26 +66,31 @@ def scenes_preview(
     out: str | Path | None = None,
     overwrite: bool = False,
 ) -> dict[str, Any]:
-    """Draw a scene into a PNG file in sRGB: room light, and the laser in the colour of its wavelength.
+    """Draw a scene as a person beside the camera would see it: room light, and the laser in its colour.
+
+    The picture is a PNG file in sRGB. It needs pyrender (extra `preview`).
 
     Main arguments:
-        scene: as for `scenes_show`.
-        out: the file, which must end in .png; by default a fresh folder under ./beambench-runs holds it.
+        scene: Name of a scene of the library, or a .toml or .json file; in Python also a scene as data.
+        overrides: {path: value}, applied before validation.
     Other arguments:
-        size: pixels of the picture's longer side, 16 … 8192.
-        overwrite: replace the file.
+        size: Pixels of the picture's longer side, 16 to 8192.
+        out: The file, which must end in .png; by default it lies in ./beambench-runs/<name>-<time>.
+        overwrite: Replace an existing picture.
 
-    Returns `file`, `rows`, `cols`, `target_share` of the view, `laser_nm`, `laser_visible` and `laser_rgb` (linear sRGB).
+    Returns:
+        `file`, `rows`, `cols`, `target_share` (of the view), `laser_nm`, `laser_visible` and `laser_rgb` (linear sRGB).
 
     Raises:
-        InputError: pyrender (extra `preview`) or EGL is missing, a bad size or file name, or as `scenes_show`.
+        InputError: pyrender or EGL is missing, a bad size or file name, or as for `scenes_show`.
     """
     from ..benchmarks.folders.files import write_atomic
+    from ..generator.preview.png import png
     from ..output import claim, is_picture, slug
     from ..scenes.errors import InputError
 
     if not 16 <= size <= 8192:
-        raise InputError("A picture has no such size.", where="size", value=size, allowed="16 … 8192")
+        raise InputError("A picture cannot have this size.", where="size", value=size, allowed="16 to 8192")
     if out is not None and Path(out).suffix.lower() != ".png":
         raise InputError("A preview is a PNG file.", where="out", value=str(out), allowed="a name that ends in .png")
     loaded = scenes_show(scene, overrides=overrides)
@@ -87,7 +99,7 @@ def scenes_preview(
     from ..generator.preview.picture import preview
 
     drawn = preview(loaded, size)
-    image = _png(drawn.picture)
+    image = png(drawn.picture)
     if out is None:
         path.mkdir()
         path = path / f"{name}.png"
@@ -105,23 +117,3 @@ def scenes_preview(
         "laser_visible": drawn.visible,
         "laser_rgb": list(drawn.laser_rgb),
     }
-
-
-def _png(picture: Any) -> bytes:
-    """A PNG file in sRGB (ISO 15948), rows filtered as differences to the row above. It is encoded in memory: a library
-    that writes the file itself does not tell when the disk is full at its end."""
-    import struct
-    import zlib
-
-    import numpy as np
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    rows, cols, channels = picture.shape
-    lines = np.asarray(picture, np.uint8).reshape(rows, cols * channels)
-    filtered = np.full((rows, 1 + cols * channels), 2, np.uint8)
-    filtered[:, 1:] = np.diff(lines, axis=0, prepend=np.zeros_like(lines[:1]))  # modulo 256, as the filter is
-    header = struct.pack(">IIBBBBB", cols, rows, 8, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
-    parts = ((b"IHDR", header), (b"sRGB", b"\0"), (b"IDAT", zlib.compress(filtered.tobytes(), 9)), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(kind, data) for kind, data in parts)

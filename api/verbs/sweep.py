@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from .suite_changes import suite_changes
+
 if TYPE_CHECKING:
     from ..benchmarks.folders.progress import Progress
     from ..benchmarks.search.sweep import SweepResult
@@ -28,38 +30,41 @@ def sweep(
     progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> SweepResult:
-    """Map failures along every stress of a suite, and return what it left: `rows` (of breakdown.csv), `maps` (of
-    failure_map.csv), `pictures`, `report`, `out`.
+    """Find the level of each stress at which each estimator breaks down, with its interval and mode.
 
-    Levels are halved where the failure rate passes 10 and 50 %, until the interval of that level is narrow; over two
-    axes, cells on the edge are halved. A suite needs five lines: suite, scenes, estimators, stresses, seeds.
+    An estimator breaks down where it fails on 10 or 50 % of the elements. Intervals of levels are halved around these
+    points until they are narrow; over two axes, the cells at the edge are halved. An axis is a path of the scene, or a name:
+    photons, background, incidence, delay-step, jitter, wrong-index and others.
 
     Main arguments:
-        suite: a name that ships, a path to a .toml or .json file, or plain data.
+        suite: Name of a suite that ships with Beambench, or a .toml or .json file; in Python also a suite as data. Its
+            stresses run from harmless to breaking.
         overrides: {path: value}, applied before validation.
     Other arguments:
-        estimators: labels to sweep instead of the suite's. split: which seeds.
-        budget: levels at most, per estimator and axis. depth: halvings of the cells of a grid.
-        out: folder; ./beambench-runs/<suite>-<time> by default. resume: keep what an interrupted sweep measured
-            there. overwrite: replace it.
-        report: write report.html. progress: told of every step. command: what was typed, for run.json.
+        estimators: Sweep this estimator instead of those of the suite: name or name[key=value,...].
+        split: Seeds of the suite to use: tune parameters on dev, publish results of test.
+        budget: Largest number of levels per estimator and axis.
+        depth: Halvings of the cells at the edge of a two-dimensional grid.
+        out: Folder of the results; ./beambench-runs/<suite>-<time> by default.
+        resume: Continue an interrupted sweep in `out`.
+        overwrite: Replace an earlier sweep in `out`.
+        report: Write the page report.html.
+        progress: Receives every step.
+        command: What was typed, for run.json.
+
+    Returns:
+        The result: `rows` (of breakdown.csv), `maps` (of failure_map.csv), `pictures`, `report` and `out`.
 
     Raises:
-        InputError: bad input, before anything is generated.
+        InputError: Bad input, before anything is generated.
     """
     from ..benchmarks.folders.progress import silent
-    from ..benchmarks.runner.estimator_labels import check_estimators
     from ..benchmarks.search.sweep import sweep_suite
 
-    changes = dict(overrides or {})
-    if isinstance(estimators, str):
-        check_estimators(estimators)  # which refuses it: its letters would pass for a list of labels
-    if estimators:
-        changes["estimators"] = list(estimators)
     return sweep_suite(
         suite,
         out,
-        overrides=changes,
+        overrides=suite_changes(overrides, estimators),
         split=split,
         budget=budget,
         depth=depth,

@@ -1,0 +1,94 @@
+"""The commands `estimate`, `score` and `export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..console import print_lines, print_table, score_records
+from .build import Arguments, View, command
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..benchmarks.report.cell import Cell
+
+__all__ = ["ESTIMATE", "EXPORT", "SCORE"]
+
+
+def _estimate_json(folder: Path, given: Arguments) -> dict[str, Any]:
+    return {"out": str(folder), "files": sorted(str(path) for path in folder.glob("*.h5"))}
+
+
+def _estimate_text(folder: Path, given: Arguments) -> None:
+    print_lines(f"estimates {folder}", f"next      beambench score {given['data']} {folder}")
+
+
+ESTIMATE = command(
+    "estimate",
+    "estimate:estimate",
+    View(_estimate_text, _estimate_json),
+    options=("estimators",),
+    examples="""Examples:
+  beambench estimate step.zarr -e poisson-ml -o estimates
+  beambench estimate step.zarr -e peak -e 'weighted-average[background=subtract]'
+  beambench estimate step.zarr -e poisson-ml -e peak -o estimates --resume""",
+)
+
+
+def _score_json(table: pd.DataFrame, given: Arguments) -> dict[str, Any]:
+    return {"out": table.attrs["folder"], "rows": score_records(table.to_dict(orient="records"))}
+
+
+def _score_text(table: pd.DataFrame, given: Arguments) -> None:
+    from ..benchmarks.report.data import cells_of, unit_scale
+    from ..benchmarks.report.text import closing_lines
+
+    cells, folder = cells_of(table), table.attrs["folder"]
+    factor, unit = unit_scale(cells[0])
+    numbers = (f"RMSE, {unit}", "coverage", f"bias, {unit}", f"bound, {unit}", "failed", f"CPU per {cells[0].noun}")
+    print_table(("estimator", "where", *numbers, "status"), [_scored(cell, factor) for cell in cells], right=numbers)
+    print_lines("", *closing_lines(table), f"tables   {folder}/scores.csv", f"next     beambench report {folder}")
+
+
+def _scored(cell: Cell, factor: float) -> tuple[str, ...]:
+    from ..benchmarks.report.text import number, rate, time_text
+
+    return (
+        cell.label,
+        cell.place,
+        number(cell.rmse_full * factor),
+        rate(cell.coverage),
+        number(cell.bias * factor),
+        number(cell.bound * factor),
+        rate(cell.failure_rate),
+        time_text(cell.cpu_per_element_s),
+        cell.status,
+    )
+
+
+SCORE = command(
+    "score",
+    "score:score",
+    View(_score_text, _score_json),
+    examples="Example:\n  beambench score step.zarr estimates -o scores",
+)
+
+
+def _export_json(path: Path, given: Arguments) -> dict[str, Any]:
+    return {"out": str(path)}
+
+
+def _export_text(path: Path, given: Arguments) -> None:
+    print_lines(f"file     {path}", f"next     beambench score {given['data']} ESTIMATES.h5")
+
+
+EXPORT = command(
+    "export",
+    "export:export",
+    View(_export_text, _export_json),
+    examples="""Example: estimates by any program
+  beambench export captures.zarr -o captures.h5
+  my-program captures.h5 estimates.h5
+  beambench score captures.zarr estimates.h5""",
+)

@@ -1,0 +1,51 @@
+"""The commands: where each is built, and its place in the list. None is loaded before it is typed or listed."""
+
+from __future__ import annotations
+
+from cyclopts import App
+
+__all__ = ["register"]
+
+#: Command -> (its place among the others, the object that is the command, in this folder).
+_COMMANDS = {
+    "run": (1, "run:RUN"),
+    "scenes list": (0, "scenes:LIST"),
+    "scenes show": (0, "scenes:SHOW"),
+    "scenes preview": (0, "scenes:PREVIEW"),
+    "generate": (3, "generate:GENERATE"),
+    "data status": (0, "data:STATUS"),
+    "data verify": (0, "data:VERIFY"),
+    "data repair": (0, "data:REPAIR"),
+    "data finalize": (0, "data:FINALIZE"),
+    "estimate": (5, "estimate:ESTIMATE"),
+    "score": (6, "estimate:SCORE"),
+    "estimators list": (0, "estimators:LIST"),
+    "estimators check": (0, "estimators:CHECK"),
+    "estimators new": (0, "estimators:NEW"),
+    "estimators train": (0, "estimators:TRAIN"),
+    "export": (9, "estimate:EXPORT"),
+    "sweep": (13, "search:SWEEP"),
+    "break": (14, "search:BREAK"),
+    "fidelity": (15, "fidelity:FIDELITY"),
+    "report": (20, "run:REPORT"),
+    "compare": (21, "compare:COMPARE"),
+    "reproduce": (22, "reproduce:REPRODUCE"),
+    "doctor": (80, "doctor:DOCTOR"),
+}
+#: Group -> (its place, its help).
+_GROUPS = {
+    "scenes": (2, "List the scenes of the library, show one in full, or draw it."),
+    "data": (4, "Look at stores of captures: what they hold, and whether they are undamaged."),
+    "estimators": (7, "List the estimators, check one against the laws, train one, or begin one of your own."),
+}
+
+
+def register(app: App) -> None:
+    """Add all commands to the command line."""
+    groups = {"": app}
+    for name, (place, text) in _GROUPS.items():
+        groups[name] = App(name=name, help=text, sort_key=place)
+        app.command(groups[name])
+    for words, (place, home) in _COMMANDS.items():
+        group, _, name = words.rpartition(" ")
+        groups[group].command(f"{__package__}.{home}", name=name, sort_key=place)

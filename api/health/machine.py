@@ -1,0 +1,58 @@
+"""The machine: Python, processor, caches and disks."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from .finding import Finding
+from .packages import version_of
+
+__all__ = ["caches", "disks", "python"]
+
+#: Below this a run of quickstart may not fit.
+_DISK_BYTES = 2 * 2**30
+
+
+def python() -> list[Finding]:
+    """Python, Beambench and the processor's cores."""
+    text = f"{platform.python_implementation()} {platform.python_version()} on {platform.system()} {platform.machine()}"
+    good = sys.version_info >= (3, 11)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return [
+        Finding("python", "python", "ok" if good else "broken", text, "" if good else "install Python 3.11 or newer"),
+        Finding("python", "beambench", "ok", version_of("beambench") or "not installed as a package"),
+        Finding("python", "cores", "ok", str(cores)),
+    ]
+
+
+def caches() -> list[Finding]:
+    """The folder of compiled kernels."""
+    from ..optics.jit import cache_folder
+
+    folder = cache_folder()
+    # If the user's cache cannot be written, a temporary folder is used: kernels are compiled again in every process.
+    lasting = not folder.name.startswith("beambench-numba-")
+    advice = (
+        "" if lasting else "set XDG_CACHE_HOME to a writable folder; otherwise kernels are compiled in every process"
+    )
+    free = f"{shutil.disk_usage(folder).free / 2**30:.1f} GiB free"
+    return [Finding("caches", "numba", "ok" if lasting else "warning", f"{folder}: {free}", advice)]
+
+
+def disks() -> list[Finding]:
+    """Free space of the working folder and the temporary folder."""
+    found = []
+    for name, folder in (("working folder", Path.cwd()), ("temporary folder", Path(tempfile.gettempdir()))):
+        free = shutil.disk_usage(folder).free
+        writable = os.access(folder, os.W_OK)
+        state = "ok" if writable and free > _DISK_BYTES else "warning"
+        advice = "" if writable else "give --out in a writable folder"
+        if writable and free <= _DISK_BYTES:
+            advice = "free some space: a run of quickstart takes up to 2 GiB"
+        found.append(Finding("disk", name, state, f"{folder}: {free / 2**30:.1f} GiB free", advice))
+    return found

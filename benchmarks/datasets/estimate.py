@@ -1,0 +1,174 @@
+"""Estimators run on a store of captures: one HDF5 file each, continued after an interruption."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...scenes.errors import InputError
+
+if TYPE_CHECKING:
+    from ...captures import CaptureSet
+    from ...captures.estimates import Estimates
+    from ..folders.progress import Progress
+    from ..runner.estimator_labels import Chosen
+    from ..runner.session import Job, Outcome
+    from ..suites.spec import Limits
+
+__all__ = ["check_same_captures", "check_some_read", "estimate_store"]
+
+
+def estimate_store(
+    captures: CaptureSet, labels: Sequence[str], folder: Path, limits: Limits, resume: bool, tell: Progress
+) -> None:
+    """Run estimators on all captures and write one file each, `<label>.h5`, and estimates.json, which lists them.
+
+    Main arguments:
+        captures: The store.
+        labels: The estimators.
+        folder: Where to write. With `resume` it may hold earlier estimates of the same captures; they are kept unless one of
+            them failed.
+        limits: Time and memory per capture.
+        tell: Receives the progress.
+    """
+    from ...captures.estimates import write_estimates
+    from ..folders.files import write_json
+    from ..folders.kinds import slug
+
+    held = _index(folder).get("estimators") if resume else None
+    listed = dict.fromkeys([*(held if isinstance(held, list) else []), *labels])
+    record = {
+        "schema_version": 1,
+        "data": str(captures.path.resolve()),
+        "captures_sha256": captures.sha256,
+        "estimators": list(listed),
+    }
+    write_json(folder / "estimates.json", record)
+    missing = [label for label in labels if not (resume and _finished(folder / f"{slug(label)}.h5", label, captures))]
+    for estimates in _answers(captures, missing, limits, tell):
+        write_estimates(folder / f"{slug(estimates.label)}.h5", estimates)
+
+
+def check_some_read(captures: CaptureSet, chosen: Sequence[Chosen]) -> None:
+    """Refuse captures that none of the estimators reads. What a plug-in reads is not known before it runs.
+
+    Raises:
+        InputError: All of the estimators are built in and read other modalities.
+    """
+    from ...estimators import BUILTIN, get_estimator
+
+    if not all(one.name in BUILTIN for one in chosen):
+        return
+    read = sorted({get_estimator(one.name).modality for one in chosen})
+    if captures.modality not in read:
+        raise InputError(
+            "None of the named estimators reads captures of this modality.",
+            where=str(captures.path),
+            value=captures.modality,
+            allowed=f"captures of modality {', '.join(read)}",
+            next_step="beambench estimators list",
+        )
+
+
+def check_same_captures(folder: Path, captures: CaptureSet) -> None:
+    """Refuse to continue a folder with estimates of other captures. Raises InputError."""
+    if _index(folder).get("captures_sha256") != captures.sha256:
+        raise InputError(
+            "The folder holds estimates of other captures, or does not state of which captures.",
+            where="--resume",
+            value=str(folder),
+            allowed=f"estimates of {captures.path}",
+            next_step="--overwrite, or another --out",
+        )
+
+
+def _index(folder: Path) -> dict[str, Any]:
+    """estimates.json of a folder; {} if it cannot be read."""
+    try:
+        index = json.loads((folder / "estimates.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return index if isinstance(index, dict) else {}
+
+
+def _finished(path: Path, label: str, captures: CaptureSet) -> bool:
+    """Whether a file holds an estimator's answers to all of the captures; a failure is tried anew."""
+    from ...captures.estimates import read_estimates
+    from ...captures.sizes import sizes_of
+
+    if not path.is_file():
+        return False
+    sizes = sizes_of(captures.load(0))
+    try:
+        found = read_estimates(path, len(captures), sizes, modality=captures.modality, captures_sha256=captures.sha256)
+    except InputError:
+        return False
+    return found.label == label and all(status == "ok" or status.startswith("skip:") for status in found.status)
+
+
+def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Progress) -> Iterator[Estimates]:
+    """The answers of each estimator to all captures, one estimator after the other."""
+    from ..folders.kinds import slug
+    from ..runner.session import run_jobs
+    from ..runner.spool import unusable
+
+    if not labels:
+        return
+    try:
+        space = tempfile.TemporaryDirectory(prefix="beambench-")
+    except OSError as error:
+        raise unusable(error) from error
+    with space as scratch:
+        jobs = _jobs(captures, Path(scratch))
+        done = 0
+        for label in labels:
+            outcomes: list[Outcome] = []
+
+            def keep(outcome: Outcome, label: str = label, outcomes: list[Outcome] = outcomes) -> None:
+                nonlocal done
+                outcomes.append(outcome)
+                done += 1
+                tell("estimate", done, len(jobs) * len(labels), f"{label}: {outcome.status}")
+
+            run_jobs(label, jobs, limits, Path(scratch) / slug(label), keep)
+            yield _estimates(label, captures, outcomes)
+
+
+def _jobs(captures: CaptureSet, scratch: Path) -> list[Job]:
+    """One job per capture; the capture without its truth lies in a folder of its own."""
+    from ...captures.hide import hide_truth
+    from ...captures.sizes import sizes_of
+    from ..runner.protocol import write_capture, write_meta
+    from ..runner.session import Job
+    from ..runner.spool import unusable
+
+    jobs = []
+    for index in range(len(captures)):
+        hidden = hide_truth(captures[index])
+        place = scratch / f"{index:06d}"
+        try:
+            write_capture(place, hidden)
+            write_meta(place, hidden, "matched")
+        except OSError as error:
+            raise unusable(error) from error
+        jobs.append(Job(index, place, "matched", str(hidden.attrs["modality"]), sizes_of(hidden)))
+    return jobs
+
+
+def _estimates(label: str, captures: CaptureSet, outcomes: list[Outcome]) -> Estimates:
+    from ...captures.estimates import Estimates
+
+    return Estimates(
+        label,
+        captures.modality,
+        [o.arrays if o.status == "ok" else None for o in outcomes],
+        [o.cpu_s for o in outcomes],
+        [o.wall_s for o in outcomes],
+        [o.peak_bytes for o in outcomes],
+        [o.status for o in outcomes],
+        captures.sha256,
+        outcomes[0].stage.word,
+    )

@@ -1,0 +1,156 @@
+"""The captures of a data set, one by one: of a scene and its seeds, or of a suite; all are checked before any is made."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from ...scenes.errors import InputError
+
+if TYPE_CHECKING:
+    from ...scenes.scene import Scene
+
+__all__ = ["Fidelity", "Item", "Rtol", "check_items", "is_suite", "items_of", "planned"]
+
+Fidelity = Literal["direct", "scatter", "full", "auto"]
+Rtol = float | Literal["noise"]
+
+#: Bytes that generation needs per sample (electrons in float32, counts in uint16) and per slice (its coordinates).
+_BYTES_PER_SAMPLE, _BYTES_PER_SLICE = 6, 40
+
+
+@dataclass(frozen=True)
+class Item:
+    """One capture to make."""
+
+    scene: Scene
+    seed: int
+    key: int | None
+    fidelity: Fidelity
+    rtol: Rtol
+    truth_electrons: bool
+    truth_components: bool = False
+
+
+def is_suite(source: Any) -> bool:
+    """Whether `source` is the name or the file of a suite."""
+    from ...scenes.load import list_scenes
+    from ...scenes.spec_files import read_spec_file
+    from ..suites.suite import list_suites
+
+    if not isinstance(source, str | Path):
+        return False
+    path = Path(source).expanduser()
+    if path.suffix in {".toml", ".json"} and path.is_file():
+        return "scenes" in read_spec_file(path)
+    return str(source) in list_suites() and str(source) not in list_scenes()
+
+
+def items_of(
+    source: Any,
+    overrides: dict[str, Any],
+    seeds: Sequence[int] | None,
+    fidelity: Fidelity | None,
+    rtol: Rtol | None,
+    electrons: bool,
+    components: bool,
+) -> dict[str, list[Item]]:
+    """Captures to make, by the name of their store; the one store of a scene has the name "".
+
+    Raises:
+        InputError: No such scene or suite, seeds for a suite (it has its own), or as `check_items`.
+    """
+    from ...scenes.load import load_scene
+    from ..suites.suite import CELL_NONE, cells_of, load_suite
+
+    groups: dict[str, list[Item]] = {}
+    if is_suite(source):
+        if seeds is not None:
+            raise InputError(
+                "A suite has seeds of its own.",
+                where="--seeds",
+                value=list(seeds) if isinstance(seeds, Sequence) else seeds,
+                next_step="change them with --set 'seeds.test=[1, 2]', or generate one of its scenes",
+            )
+        loaded = load_suite(source, overrides)
+        rung: Any = fidelity or loaded.suite.fidelity
+        aimed: Any = loaded.suite.rtol if rtol is None else rtol
+        for cell in cells_of(loaded):
+            if cell.stress == CELL_NONE:
+                item = Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons, components)
+                groups.setdefault(cell.scene_name, []).append(item)
+    else:
+        numbers = _seeds(seeds)
+        scene = load_scene(source, overrides)
+        aimed = 1e-3 if rtol is None else rtol
+        groups[""] = [Item(scene, n, None, fidelity or "direct", aimed, electrons, components) for n in numbers]
+    check_items([item for items in groups.values() for item in items])
+    return groups
+
+
+def _seeds(seeds: Sequence[int] | None) -> list[int]:
+    if seeds is None:
+        return [0]
+    numbers = list(seeds) if isinstance(seeds, Sequence) and not isinstance(seeds, str | bytes) else None
+    if not numbers or any(isinstance(n, bool) or not hasattr(n, "__index__") or n < 0 for n in numbers):
+        raise InputError("A seed is a whole number.", where="--seeds", value=seeds, allowed="0, 1, 2, …; at least one")
+    twice = sorted({n for n in numbers if numbers.count(n) > 1})
+    if twice:
+        raise InputError(
+            "A seed is given twice; the two captures would be equal.", where="--seeds", value=twice,
+            allowed="different seeds",
+        )  # fmt: skip
+    return [int(n) for n in numbers]
+
+
+def check_items(items: Sequence[Item]) -> None:
+    """Refuse, before any work, captures that cannot be generated or do not fit into the memory of this machine.
+
+    Raises:
+        InputError: an impossible rung, rtol or combination, or a capture larger than the memory.
+    """
+    from ...generator.checked import checked
+    from ...scenes.scene import sizes_of
+
+    for item in items:
+        where = item.scene.name
+        checked(
+            item.scene, seed=item.seed, capture_key=item.key or 0, fidelity=item.fidelity, rtol=item.rtol,
+            truth_electrons=item.truth_electrons, truth_components=item.truth_components, name=_option,
+        )  # fmt: skip
+        slices, rows, cols = sizes_of(item.scene)
+        needed = slices * (rows * cols * _BYTES_PER_SAMPLE + _BYTES_PER_SLICE)
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if needed > memory:
+            raise InputError(
+                "One capture does not fit into the memory of this machine.",
+                where=f"{where}: {slices} × {rows} × {cols} samples",
+                value=f"{needed / 2**30:.3g} GiB",
+                allowed=f"{memory / 2**30:.3g} GiB",
+                next_step="fewer delays, repeats, rows or columns, e.g. --set rig.delays.count=64",
+            )
+
+
+def _option(argument: str) -> str:
+    """What the command line calls an argument."""
+    return "--" + argument.replace("_", "-")
+
+
+def planned(item: Item, name: str = "") -> dict[str, Any]:
+    """The entry of a capture in a plan; `name` is that of the scene in its suite, which may hold one scene several times."""
+    from ...scenes.scene import sizes_of
+
+    slices, rows, cols = sizes_of(item.scene)
+    return {
+        "scene": name or item.scene.name,
+        "seed": item.seed,
+        "slices": slices,
+        "rows": rows,
+        "cols": cols,
+        "bytes": 2 * slices * rows * cols,
+        "fidelity": item.fidelity,
+        "rtol": item.rtol,
+    }

@@ -1,0 +1,46 @@
+"""The contents of a store in short: sizes, and how each capture was made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .store.reader import open_captures
+
+__all__ = ["contents"]
+
+
+def contents(path: Path) -> dict[str, Any]:
+    """Modality, number of captures, sizes, bytes on disk, and of each capture its scene, seed, kind of truth and rung.
+
+    Raises:
+        InputError: There is no store with undamaged metadata.
+    """
+    captures = open_captures(path)
+    rows = [_row(index, captures.attributes(index)) for index in range(len(captures))]
+    return {
+        "path": str(path),
+        "modality": captures.modality,
+        "count": len(rows),
+        "sizes": {str(name): int(size) for name, size in captures.load(0).sizes.items()} if rows else {},
+        "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),
+        "captures": rows,
+    }
+
+
+def _row(index: int, attrs: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "capture": index,
+        "scene": _record(attrs, "truth_scene").get("name", ""),
+        "seed": attrs.get("seed"),
+        "truth": attrs.get("truth_kind", ""),
+        "fidelity": _record(attrs, "fidelity").get("rung", ""),
+    }
+
+
+def _record(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """An attribute that holds JSON; {} if it is absent or null."""
+    text = attrs.get(name)
+    return (json.loads(text) if isinstance(text, str) else {}) or {}

@@ -1,0 +1,194 @@
+"""The options of every command as users type them: read from the command line, and as they were pinned on 2026-11-28.
+
+One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator
+from typing import Any, Literal, Union, get_args, get_origin
+
+from cyclopts import App
+
+__all__ = ["OPTIONS", "options_of"]
+
+
+def _alternatives(hint: Any) -> list[Any]:
+    if get_origin(hint) in (Union, types.UnionType):
+        return [part for item in get_args(hint) for part in _alternatives(item)]
+    return [] if hint in (None, type(None)) else [hint]
+
+
+def _kind(hint: Any) -> str:
+    """How a value is typed: "flag", "text", "number" or its choices; "..." behind it where it may be repeated."""
+    words = []
+    for part in _alternatives(hint):
+        if get_origin(part) is list:
+            words.append(f"{_kind(get_args(part)[0])}...")
+        elif get_origin(part) is Literal:
+            words.append("{" + ",".join(map(str, get_args(part))) + "}")
+        else:
+            words.append({bool: "flag", str: "text", int: "number", float: "number"}[part])
+    return "|".join(words)
+
+
+def _commands(app: App, words: tuple[str, ...] = ()) -> Iterator[tuple[str, App]]:
+    if words and app.default_command is not None:
+        yield " ".join(words), app
+    for name in app:
+        if not name.startswith("-"):
+            yield from _commands(app[name], (*words, name))
+
+
+def options_of(app: App) -> list[str]:
+    """One line per option: command, names, kind of value, and its default or "required"."""
+    lines = []
+    for command, found in _commands(app):
+        for argument in found.assemble_argument_collection():
+            if argument.parse and not argument.children:
+                given = "required" if argument.required else f"default {argument.field_info.default!r}"
+                lines.append(f"{command}: {' '.join(argument.names)} <{_kind(argument.hint)}> {given}")
+    return sorted(lines)
+
+
+OPTIONS = """
+break: --budget <number> default 300
+break: --debug <flag> default False
+break: --factor <number> default 3.0
+break: --json <flag> default False
+break: --neighbours <text...> default None
+break: --out -o <text> default None
+break: --overwrite <flag> default False
+break: --scenes <text...> default None
+break: --seed <number> default 0
+break: --set <text...> default None
+break: --side <number> default 24
+break: NAME <text> required
+compare: --debug <flag> default False
+compare: --json <flag> default False
+compare: A <text> required
+compare: B <text> required
+completion: --shell <text> default 'bash'
+data finalize: --debug <flag> default False
+data finalize: --json <flag> default False
+data finalize: --overwrite <flag> default False
+data finalize: DATA <text> required
+data repair: --debug <flag> default False
+data repair: --json <flag> default False
+data repair: --overwrite <flag> default False
+data repair: DATA <text> required
+data status: --debug <flag> default False
+data status: --json <flag> default False
+data status: DATA <text> required
+data verify: --debug <flag> default False
+data verify: --json <flag> default False
+data verify: DATA <text> required
+doctor: --debug <flag> default False
+doctor: --json <flag> default False
+estimate: --debug <flag> default False
+estimate: --estimators -e <text...> default None
+estimate: --json <flag> default False
+estimate: --memory-limit-bytes <number> default 8589934592
+estimate: --out -o <text> default None
+estimate: --overwrite <flag> default False
+estimate: --resume <flag> default False
+estimate: --time-limit-s <number> default 600.0
+estimate: DATA <text> required
+estimators check: --debug <flag> default False
+estimators check: --json <flag> default False
+estimators check: ESTIMATOR <text> required
+estimators list: --debug <flag> default False
+estimators list: --json <flag> default False
+estimators new: --debug <flag> default False
+estimators new: --json <flag> default False
+estimators new: --out -o <text> default None
+estimators new: --overwrite <flag> default False
+estimators new: NAME <text> required
+estimators train: --data <text...> required
+estimators train: --debug <flag> default False
+estimators train: --json <flag> default False
+estimators train: --out -o <text> required
+estimators train: --overwrite <flag> default False
+estimators train: --ridge <number> default 1e-05
+estimators train: --seed <number> default 1
+estimators train: --units <number> default 96
+export: --debug <flag> default False
+export: --json <flag> default False
+export: --out -o <text> default None
+export: --overwrite <flag> default False
+export: --to <{hdf5}> default 'hdf5'
+export: DATA <text> required
+fidelity: --debug <flag> default False
+fidelity: --json <flag> default False
+fidelity: --out -o <text> default None
+fidelity: --overwrite <flag> default False
+fidelity: --resume <flag> default False
+fidelity: --scenes <number> default 60
+fidelity: --seed <number> default 1
+generate: --debug <flag> default False
+generate: --fidelity <{direct,scatter,full,auto}> default None
+generate: --json <flag> default False
+generate: --like <text> default None
+generate: --out -o <text> default None
+generate: --overwrite <flag> default False
+generate: --plan <flag> default False
+generate: --resume <flag> default False
+generate: --rtol <number|{noise}> default None
+generate: --seeds <number...> default None
+generate: --set <text...> default None
+generate: --truth-components <flag> default False
+generate: --truth-electrons <flag> default False
+generate: SOURCE <text> default None
+report: --debug <flag> default False
+report: --json <flag> default False
+report: FOLDER <text> required
+reproduce: --debug <flag> default False
+reproduce: --json <flag> default False
+reproduce: --out -o <text> default None
+reproduce: --overwrite <flag> default False
+reproduce: --pictures --no-pictures <flag> default True
+run: --cache <flag> default False
+run: --debug <flag> default False
+run: --estimators -e <text...> default None
+run: --json <flag> default False
+run: --out -o <text> default None
+run: --overwrite <flag> default False
+run: --report --no-report <flag> default True
+run: --resume <flag> default False
+run: --set <text...> default None
+run: --split <{dev,test}> default 'test'
+run: SUITE <text> required
+scenes list: --debug <flag> default False
+scenes list: --json <flag> default False
+scenes preview: --debug <flag> default False
+scenes preview: --json <flag> default False
+scenes preview: --out -o <text> default None
+scenes preview: --overwrite <flag> default False
+scenes preview: --set <text...> default None
+scenes preview: --size <number> default 640
+scenes preview: SCENE <text> required
+scenes show: --debug <flag> default False
+scenes show: --json <flag> default False
+scenes show: --set <text...> default None
+scenes show: SCENE <text> required
+score: --debug <flag> default False
+score: --failure-at <number> default None
+score: --json <flag> default False
+score: --out -o <text> default None
+score: --overwrite <flag> default False
+score: DATA <text> required
+score: ESTIMATES <text> required
+sweep: --budget <number> default 16
+sweep: --debug <flag> default False
+sweep: --depth <number> default 2
+sweep: --estimators -e <text...> default None
+sweep: --json <flag> default False
+sweep: --out -o <text> default None
+sweep: --overwrite <flag> default False
+sweep: --report --no-report <flag> default True
+sweep: --resume <flag> default False
+sweep: --set <text...> default None
+sweep: --split <{dev,test}> default 'test'
+sweep: SUITE <text> required
+""".strip().splitlines()
