@@ -12,7 +12,7 @@ from typing import Any
 from ..scenes.errors import InputError
 from . import BUILTIN, get_estimator, list_estimators
 
-__all__ = ["listed", "row"]
+__all__ = ["listed", "modalities_read", "row"]
 
 #: Longest time for the import of a plug-in [s].
 PLUGIN_IMPORT_S = 30.0
@@ -24,6 +24,11 @@ def listed() -> list[dict[str, Any]]:
     An estimator that cannot be imported has the reason in `error`.
     """
     return [row(name) if name in BUILTIN else _row_of_plugin(name) for name in list_estimators()]
+
+
+def modalities_read() -> set[str]:
+    """The modalities that built-in estimators read, which imports them."""
+    return {get_estimator(name).modality for name in BUILTIN}
 
 
 def row(name: str, origin: str = "built-in") -> dict[str, Any]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from beambench.captures.layouts import LAYOUTS
+from beambench.health.modalities import NOT_YET, floors, modalities
 
 from ._imports import FLOORS, circles, files_of, graph_of, imports_of
 
@@ -50,6 +51,7 @@ TABLES = {
     "generator/models.py": "MODELS",
     "estimators/builtin.py": "BUILTIN",
     "benchmarks/judges/__init__.py": "JUDGES",
+    "api/health/modalities.py": "NOT_YET",
 }
 
 #: Rooms and files that are about one instrument, not about any: published set-ups, comparisons, checks, a face for authors.
@@ -172,6 +174,15 @@ def test_only_a_modality_imports_its_files(project: Path) -> None:
     assert list(foreign_imports(graph_of(project), files)) == []
 
 
+def test_every_floor_has_every_modality_or_says_why_not() -> None:
+    there = floors()
+    names = set().union(*there.values())
+    assert names == set(LAYOUTS), "a modality without a layout"
+    lacking = {(floor, name) for floor, known in there.items() for name in names - known}
+    assert lacking == set(NOT_YET), "NOT_YET names what is there, or lacks what is not"
+    assert {finding.state for finding in modalities()} <= {"ok", "missing"}
+
+
 # ---------------------------------------------------------------- each rule fails on a planted breach
 
 
@@ -216,6 +227,12 @@ def test_a_modality_outside_its_files_is_found() -> None:
     assert list(modality_strings(text, LAYOUTS)) == [(1, "gated"), (4, "wavefront")]
     assert is_of(Path("generator/gated/full.py"), "gated") and is_of(Path("benchmarks/bounds/gated_scan.py"), "gated")
     assert not is_of(Path("generator/generate.py"), "gated") and not is_of(Path("generator/propagated.py"), "gated")
+
+
+def test_a_modality_without_record_or_reason_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(NOT_YET, ("generator", "laser_line"))
+    (finding,) = (one for one in modalities() if one.name == "laser_line")
+    assert finding.state == "broken" and "no reason given" in finding.advice
 
 
 def test_a_foreign_import_is_found() -> None:

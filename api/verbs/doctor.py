@@ -13,13 +13,14 @@ __all__ = ["doctor"]
 def doctor() -> list[Finding]:
     """Show what works on this machine, what is missing, and how to install it; the exit code is 1 if a required part is broken.
 
-    Python, packages, renderer, caches, extras and disks are examined; nothing is changed or downloaded.
+    Python, packages, renderer, modalities, caches, extras and disks are examined; nothing is changed or downloaded.
 
     Returns:
         One record per part: `group`, `name`, `state` ("ok", "missing", "warning" or "broken"), `found`, `advice`.
     """
     from ..health.machine import caches, disks, python
+    from ..health.modalities import modalities
     from ..health.packages import extras, packages
     from ..health.rendering import cuda, renderer
 
-    return [*python(), *packages(), renderer(), cuda(), *caches(), *extras(), *disks()]
+    return [*python(), *packages(), renderer(), cuda(), *modalities(), *caches(), *extras(), *disks()]
