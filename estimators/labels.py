@@ -1,4 +1,8 @@
-"""Labels of estimators: ``name[key=value,...]`` with keys sorted, and parameters checked against the signature."""
+"""Labels of estimators: ``name[key=value,...]`` with keys sorted, and parameters checked against the signature.
+
+A score table holds a label in two columns, the name and the text of the parameters; `label_of` and `split_label` go from
+one form to the other. No other code puts a label together or takes one apart.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +18,9 @@ from typing import Any, Literal
 
 from ..scenes.errors import InputError
 
-__all__ = ["check_parameters", "format_label", "parse_label"]
+__all__ = ["check_parameters", "format_label", "label_of", "parse_label", "split_label"]
 
-_LABEL = re.compile(r"^(?P<name>[A-Za-z0-9][A-Za-z0-9._-]*)(?:\[(?P<params>[^\[\]]*)\])?$")
+_LABEL = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*(?:\[[^\[\]]*\])?$")
 _KEY = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*$")
 
 
@@ -28,29 +32,42 @@ def _parse_value(text: str) -> Any:
     return text if isinstance(value, (list, dict)) else value
 
 
+def split_label(label: str) -> tuple[str, str]:
+    """(name, text of the parameters, "" where there are none) of a label, whatever its parameters are."""
+    name, _, rest = label.strip().partition("[")
+    return name, rest.removesuffix("]")
+
+
+def label_of(name: str, params: str) -> str:
+    """The label of a name and the text of its parameters ("key=value,..." or ""); a name that is a label already stays."""
+    return f"{name}[{params}]" if params and "[" not in name else name
+
+
 def parse_label(label: str) -> tuple[str, dict[str, Any]]:
-    """Split `name[key=value,...]`; values are JSON scalars or bare words. Raises InputError on bad syntax."""
-    match = _LABEL.match(label.strip())
-    if match is None:
-        raise InputError("not an estimator label", where="label", value=label, allowed="name or name[key=value,...]")
+    """(name, parameters) of a label; values are JSON scalars or bare words. Raises InputError on bad syntax."""
+    if _LABEL.match(label.strip()) is None:
+        raise InputError(
+            "The label of an estimator is malformed.", where="label", value=label, allowed="name or name[key=value,...]"
+        )
+    name, text = split_label(label)
     params: dict[str, Any] = {}
-    for item in filter(None, (part.strip() for part in (match["params"] or "").split(","))):
+    for item in filter(None, (part.strip() for part in text.split(","))):
         key, equals, value = (piece.strip() for piece in item.partition("="))
         if not equals or not _KEY.match(key) or not value or key in params:
-            raise InputError("bad parameter in label", where=label, value=item, allowed="key=value, each key once")
+            raise InputError(
+                "A parameter in a label is malformed.", where=label, value=item, allowed="key=value, each key once"
+            )
         params[key] = _parse_value(value)
-    return match["name"], params
+    return name, params
 
 
 def format_label(name: str, params: Mapping[str, Any]) -> str:
     """The one spelling of a label: keys sorted, values as JSON except bare words."""
-    if not params:
-        return name
 
     def show(value: Any) -> str:
         return value if isinstance(value, str) and _parse_value(value) == value else json.dumps(value)
 
-    return f"{name}[{','.join(f'{key}={show(params[key])}' for key in sorted(params))}]"
+    return label_of(name, ",".join(f"{key}={show(params[key])}" for key in sorted(params)))
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -80,24 +97,33 @@ def _allowed(hint: Any) -> str:
 
 @lru_cache(maxsize=256)
 def _signature(function: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], dict[str, Any]]:
-    """Keyword-only parameters and the hints of `function`: read once, they take as long as a small estimate."""
+    """Keyword-only parameters and type hints of `function`; kept, since reading them takes as long as a small estimate."""
     parameters = inspect.signature(function).parameters.items()
     known = {key: parameter for key, parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY}
     return known, typing.get_type_hints(function)
 
 
 def check_parameters(function: Callable[..., Any], params: Mapping[str, Any], *, where: str) -> dict[str, Any]:
-    """The parameters, checked against `function`'s keyword-only arguments. Raises InputError for unknown, bad ones."""
+    """The parameters, checked against the keyword-only arguments of `function`.
+
+    Raises InputError where one is unknown, missing or of another type. where: name of the estimator, for the message.
+    """
     known, hints = _signature(function)
     for key, value in params.items():
         if key not in known:
             raise InputError(
-                "unknown parameter", where=where, value=key, allowed=", ".join(sorted(known)) or "no parameters"
-            )
+                f"Estimator {where} was given an unknown parameter.", where=where, value=key,
+                allowed=", ".join(sorted(known)) or "no parameters",
+            )  # fmt: skip
         hint = hints.get(key, Any)
         if not _fits(value, hint):
-            raise InputError(f"bad value of parameter {key}", where=where, value=value, allowed=_allowed(hint))
+            raise InputError(
+                f"The value of parameter {key} is not allowed.", where=where, value=value, allowed=_allowed(hint)
+            )
     missing = [k for k, p in known.items() if p.default is inspect.Parameter.empty and k not in params]
     if missing:
-        raise InputError("missing parameter", where=where, value=missing, next_step=f"{where}[{missing[0]}=...]")
+        raise InputError(
+            f"Estimator {where} needs a parameter that is not given.", where=where, value=missing,
+            next_step=label_of(where, f"{missing[0]}=..."),
+        )  # fmt: skip
     return dict(params)

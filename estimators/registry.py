@@ -1,10 +1,9 @@
-"""The registry: mark, find and run estimators. Built-ins are listed in `estimators/__init__.py`; third parties use the
-entry-point group ``beambench.estimators`` (name -> "module:function")."""
+"""The registry: mark, find and run estimators. Built-in ones are listed in `builtin.py`; other packages register theirs under
+the entry-point group ``beambench.estimators`` (name -> "module:function")."""
 
 from __future__ import annotations
 
 import importlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,8 +15,10 @@ import xarray as xr
 from ..captures.layouts import stage_of
 from ..captures.quantities import Stage
 from ..scenes.errors import InputError
+from .builtin import BUILTIN
 from .labels import check_parameters, format_label, parse_label
 from .result import check_result
+from .rig import read_rig
 
 __all__ = ["ENTRY_POINT_GROUP", "Estimator", "estimator", "get_estimator", "list_estimators", "run_estimator"]
 
@@ -50,27 +51,28 @@ class Estimator:
         on the data."""
         if not self.needs:
             return ""
-        rig = _declared(str(capture.attrs.get("rig", "")))
+        try:
+            rig = read_rig(capture)
+        except InputError:
+            path, wanted = self.needs[0]
+            return f"reads rigs whose {path} is {wanted}, and the declared rig cannot be read"
         for path, wanted in self.needs:
-            node: Any = rig
-            for part in path.split("."):
-                node = node.get(part) if isinstance(node, dict) else None
-            if node != wanted:
-                return f"reads rigs whose {path} is {wanted}, not {node}"
+            if (value := rig.get(path)) != wanted:
+                return f"reads rigs whose {path} is {wanted}, not {value}"
         return ""
 
     def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:
-        """Run with checked parameters and a checked result. Raises InputError."""
+        """Run on a capture; parameters and result are checked. Raises InputError."""
         checked = check_parameters(self.function, params, where=self.name)
         if not self.stage.reads_captures:
             raise InputError(
-                f"Estimator {self.name} reads the results of another stage, no captures.", where=f"stage {self.stage.word}",
+                f"Estimator {self.name} reads results of another stage, not captures.", where=f"stage {self.stage.word}",
                 value=", ".join(self.stage.takes), allowed="an estimator whose stage reads captures",
             )  # fmt: skip
         modality = str(capture.attrs.get("modality", ""))
         if modality != self.modality:
             raise InputError(
-                f"Estimator {self.name} reads {self.modality} captures, and this one is of another modality.",
+                f"Estimator {self.name} reads {self.modality} captures, and this capture is of another modality.",
                 where="attribute modality",
                 value=modality,
                 allowed=self.modality,
@@ -80,23 +82,15 @@ class Estimator:
         return check_result(self.function(capture, **checked), capture, self.name, self.stage)
 
 
-@lru_cache(maxsize=16)
-def _declared(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return None
-
-
 def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None) -> Callable[[_F], _F]:
     """Mark a function as an estimator.
 
     Main arguments:
-        stage: what it reads and gives, a word of `captures.layouts.stages()`: "gated", "waveform", "line", "centroid", …
+        stage: what the function reads and gives, a word of `captures.layouts.stages()`: "gated", "line", "centroid", …
         cites: source of the algorithm (author, year, number).
     Other arguments:
-        needs: {path in the declared rig: value} without which the method has no meaning; captures of other instruments are
-            refused with that reason, which a suite shows as a skip.
+        needs: {path in the declared rig: value} without which the method has no meaning. Captures of other instruments are
+            refused with that reason; a suite shows them as skipped.
 
     Raises InputError for an unknown stage or an empty `cites`.
     """
@@ -104,7 +98,7 @@ def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None)
     if not cites.strip():
         raise InputError("An estimator must name its source.", where="@estimator(cites=...)", value=cites)
     for path in needs or {}:
-        # What an instrument is may be needed; what it is called would tell which scene it is.
+        # A property of the instrument may be needed; its name would disclose the scene.
         if path.split(".")[-1] == "name":
             raise InputError(
                 "An estimator cannot need the name of a rig.", where="@estimator(needs=...)", value=path,
@@ -128,9 +122,8 @@ def _plugins() -> dict[str, EntryPoint]:
 def _plugins_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
     # Kept per search path: a scan of all installed packages takes as long as an estimator does.
     found: dict[str, EntryPoint] = {}
-    builtin = _builtin()
     for point in entry_points(group=ENTRY_POINT_GROUP):
-        other = found[point.name].value if point.name in found else builtin.get(point.name)
+        other = found[point.name].value if point.name in found else BUILTIN.get(point.name)
         if other is not None and other != point.value:
             raise InputError(
                 f"Two estimators are named {point.name}.",
@@ -142,14 +135,8 @@ def _plugins_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
     return found
 
 
-def _builtin() -> Mapping[str, str]:
-    from . import BUILTIN
-
-    return BUILTIN
-
-
 def _targets() -> dict[str, str]:
-    return {**_builtin(), **{name: point.value for name, point in _plugins().items()}}
+    return {**BUILTIN, **{name: point.value for name, point in _plugins().items()}}
 
 
 def _describe(name: str, function: Any, where: str) -> Estimator:
@@ -182,7 +169,7 @@ def get_estimator(name: str) -> Estimator:
     module, _, attribute = targets[name].partition(":")
     try:
         function = getattr(importlib.import_module(module), attribute)
-    except (Exception, SystemExit) as error:  # a plug-in is a stranger's code: whatever its import raises is told
+    except (Exception, SystemExit) as error:  # a plug-in is foreign code: whatever its import raises is reported
         reason = f"{type(error).__name__}: {error}"
         raise InputError(
             f"Estimator {name} cannot be imported: {reason}.",
@@ -193,7 +180,7 @@ def get_estimator(name: str) -> Estimator:
 
 
 def list_estimators(modality: str | None = None) -> tuple[str, ...]:
-    """Sorted names of all estimators, of one modality where given (which imports them)."""
+    """Sorted names of all estimators, or of those that read captures of one modality (which imports all of them)."""
     names = sorted(_targets())
     if modality is None:
         return tuple(names)
@@ -201,11 +188,11 @@ def list_estimators(modality: str | None = None) -> tuple[str, ...]:
 
 
 def run_estimator(label: str | Callable[..., xr.Dataset] | Estimator, capture: xr.Dataset) -> xr.Dataset:
-    """Run `name[key=value,...]`, or a marked function, on one capture; the result is checked against the contract.
+    """Run an estimator, given by its label `name[key=value,...]` or as a marked function, on one capture.
 
-    Returns the quantities of the estimator's stage, e.g. range, sigma [m] and valid; attributes estimator (the label) and
-    cites.
-    Raises InputError for unknown names and parameters, and for a result that breaks the contract.
+    Returns the quantities of the estimator's stage, e.g. range, sigma [m] and valid, with the attributes `estimator` (the
+    label) and `cites`.
+    Raises InputError for an unknown name or parameter, and for a result that breaks the contract of the stage.
     """
     if isinstance(label, str):
         name, params = parse_label(label)

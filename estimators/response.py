@@ -2,7 +2,7 @@
 
 Both are linear between samples and zero outside. On a common even grid of step h they are sums of hat functions, whose
 correlation is a sum of cubic B-splines: value and slope at the nodes are exact, and so is the cubic Hermite curve
-through them. Nothing here knows a closed form: an estimator sees the instrument as a laboratory measures it.
+through them. No closed form of pulse or gate is used: an estimator sees the instrument as a laboratory measures it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..scenes.errors import InputError
+from .rig import Samples, samples_of
 
 __all__ = ["Response", "correlate_samples"]
 
@@ -70,18 +70,6 @@ class Response:
         return np.asarray(np.interp(np.clip(drop, 0, 1), levels, 0.5 * self.step_s * counts), dtype=np.float64)
 
 
-def _samples(spec: Mapping[str, Any], what: str) -> tuple[float, float, Float]:
-    try:
-        start, step = float(spec["start_s"]), float(spec["step_s"])
-        value = np.asarray(spec["value"], dtype=np.float64)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"the declared {what} is not sampled", where=what, allowed="start_s, step_s, value") from error
-    finite = np.isfinite(start) and np.isfinite(step) and bool(np.isfinite(value).all())
-    if value.ndim != 1 or value.size < 2 or not finite or step <= 0 or value.sum() <= 0:
-        raise InputError(f"the declared {what} has unusable samples", where=what, allowed="2 or more, of positive sum")
-    return start, step, value
-
-
 def _resample(start: float, step: float, value: Float, h: float) -> Float:
     length = step * (value.size - 1)
     count = max(2, int(np.ceil(length / h - 1e-9)) + 1)
@@ -94,17 +82,19 @@ def _resample(start: float, step: float, value: Float, h: float) -> Float:
     return np.asarray(out, dtype=np.float64)
 
 
-def correlate_samples(pulse: Mapping[str, Any], gate: Mapping[str, Any], *, jitter_s: float = 0.0) -> Response:
+def correlate_samples(
+    pulse: Samples | Mapping[str, Any], gate: Samples | Mapping[str, Any], *, jitter_s: float = 0.0
+) -> Response:
     """R(u) of a sampled pulse (1/s, scaled to unit area here) and a sampled gate (transmission).
 
-    Main arguments: {"start_s", "step_s", "value"} each, seconds. Other arguments: jitter_s: standard deviation of a
-    normal jitter per shot, which broadens the mean response. Raises InputError where samples are unusable.
+    Main arguments: `Samples`, or {"start_s", "step_s", "value"}, each; seconds. Other arguments: jitter_s: standard
+    deviation of a normal jitter per shot, which broadens the mean response. Raises InputError for unusable samples.
     """
-    p_start, p_step, p_value = _samples(pulse, "pulse")
-    g_start, g_step, g_value = _samples(gate, "gate")
+    p_start, p_step, p_value = pulse if isinstance(pulse, Samples) else samples_of(pulse, "pulse")
+    g_start, g_step, g_value = gate if isinstance(gate, Samples) else samples_of(gate, "gate")
     p_length, g_length = p_step * (p_value.size - 1), g_step * (g_value.size - 1)
     h = min(p_step, g_step, min(p_length, g_length) / MIN_NODES)
-    # Whole fractions of the pulse's step keep its nodes on the grid.
+    # A whole fraction of the step of the pulse keeps its nodes on the grid.
     h = p_step / np.ceil(p_step / h - 1e-9) if h < p_step else h
     h = max(h, max(p_length, g_length) / MAX_NODES)
     p = _resample(p_start, p_step, p_value, h)

@@ -55,15 +55,15 @@ def stage_result(word: str, **arrays: Array) -> xr.Dataset:
 
     Main arguments:
         word: of the stage, as under `@estimator`.
-        arrays: `<quantity>`, `sigma` and `valid`; of every quantity but the first `sigma_<quantity>`, `valid_<quantity>`.
+        arrays: `<quantity>`, `sigma` and `valid`; for every quantity but the first `sigma_<quantity>`, `valid_<quantity>`.
 
     Values that are not finite, and those of zero and below where the quantity is positive, are made invalid; invalid
-    elements hold NaN. Raises InputError for an unknown stage or an array that is missing or too much.
+    elements hold NaN. Raises InputError for an unknown stage, a missing array or one that the stage does not give.
     """
     stage = stage_of(word)
     if arrays.keys() != stage.dims().keys():
         raise InputError(
-            "A result has exactly the variables of its stage.", where=f"stage {word}", value=sorted(arrays),
+            "A result needs exactly the variables of its stage.", where=f"stage {word}", value=sorted(arrays),
             allowed=", ".join(stage.dims()),
         )  # fmt: skip
     data: dict[str, Any] = {}
@@ -96,22 +96,28 @@ def _sound(quantity: Quantity, value: Array, sigma: Array) -> Array:
 
 
 def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -> xr.Dataset:
-    """The result as a new Dataset if it keeps the contract of its stage, else InputError that says what is wrong.
+    """The result as a new Dataset. Raises InputError where it breaks the contract of its stage.
 
-    Sizes are the capture's, where it has the dimension; a dimension that it lacks has the length that the estimator chose.
+    Sizes are those of the capture where it has the dimension; any other dimension has the length that the estimator chose.
     """
     if not isinstance(result, xr.Dataset):
         raise InputError(
-            f"Estimator {name} returned no Dataset.", where=name, value=type(result).__name__, allowed="xarray.Dataset"
+            f"Estimator {name} did not return a Dataset.",
+            where=name,
+            value=type(result).__name__,
+            allowed="xarray.Dataset",
         )
     for key, dims in stage.dims().items():
         if key not in result.variables:
-            raise InputError(f"Estimator {name} returned no {key}.", where=name, value=sorted(map(str, result)))
+            raise InputError(
+                f"Estimator {name} did not return {key}.", where=name, value=sorted(map(str, result)),
+                allowed=", ".join(stage.dims()),
+            )  # fmt: skip
         found = result.variables[key]
         sizes = {dim: int(capture.sizes.get(dim, result.sizes.get(dim, 0))) for dim in dims}
         if found.dims != dims or found.shape != tuple(sizes.values()):
             raise InputError(
-                f"Estimator {name} returned {key} of a wrong shape.",
+                f"Estimator {name} returned {key} with the wrong shape.",
                 where=name,
                 value=dict(zip(map(str, found.dims), found.shape, strict=True)),
                 allowed=", ".join(f"{dim}: {size}" for dim, size in sizes.items()),
@@ -124,12 +130,16 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
 def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name: str) -> None:
     value, sigma, valid = (result.variables[key].values for key in names.all)
     if valid.dtype != np.bool_:
-        raise InputError(f"Estimator {name}: {names.valid} is not bool.", where=name, value=str(valid.dtype))
+        raise InputError(
+            f"Estimator {name} returned {names.valid} that is not boolean.", where=name, value=str(valid.dtype),
+            allowed="bool",
+        )  # fmt: skip
     for key, array in ((names.value, value), (names.sigma, sigma)):
         if array.dtype not in (np.dtype("float32"), np.dtype("float64")):
             raise InputError(
-                f"Estimator {name}: {key} is not a float.", where=name, value=str(array.dtype), allowed="float32/64"
-            )
+                f"Estimator {name} returned {key} that is not floating point.", where=name, value=str(array.dtype),
+                allowed="float32 or float64",
+            )  # fmt: skip
     # A finite sum has no NaN and no infinite term; only otherwise must each element be looked at.
     if np.isfinite(value.sum() + sigma.sum()) and sigma.min(initial=1.0) > 0:
         return
@@ -139,8 +149,8 @@ def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name
     wrong = valid & ~good
     if wrong.any():
         raise InputError(
-            f"Estimator {name} calls {int(wrong.sum())} elements valid whose {names.value} or {names.sigma} is not finite "
-            "and positive.",
+            f"Estimator {name} marks {int(wrong.sum())} elements as valid whose {names.value} is not finite, or whose "
+            f"{names.sigma} is not finite and positive.",
             where=name,
             allowed="valid=False where there is no estimate",
         )

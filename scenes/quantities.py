@@ -23,6 +23,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from ..optics.constants import C_M_PER_S
+
 __all__ = [
     "Counts", "Distance", "Electrons", "Energy", "ExcessNoise", "FNumber", "Frequency", "Gain", "LensLength", "LongTime",
     "MomentTime", "OffsetAngle", "OpenTime", "OptionalLength", "OptionalTime", "Place", "Power", "PulseTime", "Rate",
@@ -61,6 +63,6 @@ OffsetAngle = Annotated[float, Field(ge=-1.5, le=1.5)]
 _Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 #: x, y, z in metres, camera frame: x right, y down, z forward; up to 1000 km.
 Place = tuple[_Coordinate, _Coordinate, _Coordinate]
-_Speed = Annotated[float, Field(ge=-2.99792458e8, le=2.99792458e8)]
+_Speed = Annotated[float, Field(ge=-C_M_PER_S, le=C_M_PER_S)]
 #: x, y, z in m/s, below the speed of light.
 Velocity = tuple[_Speed, _Speed, _Speed]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beambench.benchmarks.report.data import COLUMNS
+from beambench.benchmarks.scores.tables import COLUMNS
 
 #: Estimators with (error factor over the bound, coverage, CPU seconds per element).
 ESTIMATORS = {

@@ -219,7 +219,7 @@ def test_a_good_estimator_gives_arrays_times_and_memory(plugins: Path, tmp_path:
         ("objects", "invalid: range is of type object"),
         ("floods", "flood: printed over 1048576 bytes"),
         ("closes-pipes", "crash: closed its pipes"),
-        ("fine[nonsense=1]", "error: InputError: unknown parameter"),
+        ("fine[nonsense=1]", "error: InputError: Estimator x-fine was given an unknown parameter"),
         ("unheard-of", "error: InputError: There is no such estimator"),
     ],
 )

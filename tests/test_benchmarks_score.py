@@ -13,7 +13,7 @@ import pytest
 
 from beambench.benchmarks.scores.score import COLUMNS, KEY, TIMES
 from beambench.benchmarks.scores.summary import summarise, wilson_interval
-from beambench.benchmarks.scores.tables import read_rows, sort_rows, to_csv, write_tables
+from beambench.benchmarks.scores.tables import read_scores, sort_rows, to_csv, write_tables
 from beambench.benchmarks.scores.truth import Bound, Truth, errors_of, failure_limit
 from beambench.benchmarks.statistics.pooled import block_bootstrap_ratio, block_ids
 
@@ -223,14 +223,15 @@ def test_tables_are_sorted_typed_and_whole(tmp_path: Path) -> None:
     assert {p.name for p in tmp_path.iterdir()} == {
         "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "ranking.csv", "pairs.csv", "profiles.csv",
     }  # fmt: skip
-    again = read_rows(tmp_path / "scores.csv")
-    assert [row["estimator"] for row in again] == ["a", "b"] * 4
-    assert [(row["stress"], row["seed"]) for row in again[::2]] == [("none", 1), ("none", 2), ("x", 1), ("x", 2)]
+    again = read_scores(tmp_path / "scores.csv")
+    assert list(again["estimator"]) == ["a", "b"] * 4
+    assert list(zip(again["stress"], again["seed"], strict=True))[::2] == [("none", 1), ("none", 2), ("x", 1), ("x", 2)]
+    assert list(again["level"])[::4] == ["", "3"] and again["level2"].eq("").all()
     parquet = pd.read_parquet(tmp_path / "scores.parquet")
     assert list(parquet.columns) == list(COLUMNS)
     assert parquet["seed"].dtype == np.int64
     assert parquet["rmse"].dtype == np.float64
-    np.testing.assert_allclose(parquet["rmse"], [row["rmse"] for row in again], rtol=1e-8)
+    np.testing.assert_allclose(parquet["rmse"], again["rmse"], rtol=1e-8)
     accuracy = list(csv.DictReader(io.StringIO((tmp_path / "accuracy.csv").read_text())))
     assert not set(accuracy[0]) & set(TIMES)
     assert set(KEY) < set(accuracy[0])

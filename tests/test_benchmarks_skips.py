@@ -11,13 +11,13 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.report.data import read_scores
 from beambench.benchmarks.report.page import write_report
 from beambench.benchmarks.report.text import closing_lines
 from beambench.benchmarks.run import run_suite
 from beambench.benchmarks.runner.costs import COST_COLUMNS, cost_interval, read_costs
 from beambench.benchmarks.runner.estimator_labels import missing_package
 from beambench.benchmarks.scores.error_tiles import read_tiles
+from beambench.benchmarks.scores.tables import read_scores
 from beambench.benchmarks.statistics.skips import not_applicable, skip_reason, skips_of
 from beambench.scenes.errors import InputError
 

@@ -12,11 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beambench.benchmarks.report.data import base_cells, cells_of, read_scores
+from beambench.benchmarks.report.data import base_cells, cells_of
 from beambench.benchmarks.report.front import mark_front
 from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
 from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, value_limits
 from beambench.benchmarks.report.text import closing_lines, number, rank, rate, summary, time_text
+from beambench.benchmarks.scores.tables import read_scores
 
 from . import _api_fixtures as made_up
 

@@ -43,8 +43,7 @@ def score(
     from ..benchmarks.datasets.score import score_store
     from ..benchmarks.folders.kinds import SCORE, slug
     from ..benchmarks.folders.workplace import output_folder, workplace
-    from ..benchmarks.report.data import read_scores
-    from ..benchmarks.scores.tables import write_tables
+    from ..benchmarks.scores.tables import read_scores, write_tables
 
     folder = output_folder(out, slug(Path(f"scores-{Path(data).name}").stem), resume=False, overwrite=overwrite)
     with workplace(folder, SCORE, overwrite=overwrite, inputs=[data, estimates]) as work:

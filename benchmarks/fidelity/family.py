@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...optics.constants import C_M_PER_S
 from ...scenes.load import load_scene
 from ...scenes.scene import Scene
 
@@ -88,7 +89,7 @@ def draw_scene(seed: int, number: int, medium: str, shape: str, far: bool, folde
     target, depth = _target(shape, distance, albedo, draw, folder, number)
     # A gated camera keeps its gate shut while the pulse passes the water before its own lens.
     first, last = max(2 * (distance - depth - 0.3), distance), 2 * (distance + 0.6 * depth + 0.4)
-    per_metre = group / 299_792_458.0
+    per_metre = group / C_M_PER_S
     index = {"kind": "explicit", "phase": min(group, 1.34), "group": group}
     water: dict[str, Any] = {
         "name": medium, "index": index, "absorption_per_m": absorption, "scattering_per_m": scattering,

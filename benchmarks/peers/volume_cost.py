@@ -32,6 +32,7 @@ from ...generator.gated.scatter import render_scatter, scattered_electrons
 from ...generator.gated.stack import expected_electrons, slice_coordinates, slice_settings
 from ...generator.gated.view import view_of
 from ...generator.paths.world import PathWorld
+from ...optics.constants import C_M_PER_S
 from ...scenes.load import load_scene
 from ...scenes.scene import Scene
 from .mitransient_direct import equal_error_cost, squared_error
@@ -56,7 +57,7 @@ GOAL_PEER, GOAL_SCATTER = 3.0, 100.0
 def water_scene(name: str, size: int = 16) -> Scene:
     """A wall across the view in one of `WATERS`, a lamp beside a camera of ±17°, 24 gates about the wall."""
     absorption, scattering, distance = WATERS[name]
-    per_metre = 1.36 / 299_792_458.0
+    per_metre = 1.36 / C_M_PER_S
     first, last = 2 * (distance - 0.5), 2 * (distance + 0.3)
     return load_scene(
         "flat-wall",

@@ -1,4 +1,4 @@
-"""Scores as the report, the comparison and the terminal read them."""
+"""Scores as the report, the comparison and the terminal show them: seeds pooled into cells."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...captures.layouts import LAYOUTS, layout_of
+from ...estimators.labels import label_of
 from ...scenes.errors import InputError
 from ..statistics.pooled import bias_is_real, weakest_kind
 from .cell import Cell
@@ -16,110 +17,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "COLUMNS",
     "Cell",
     "axis_text",
     "base_cells",
     "cells_of",
-    "label_of",
     "level_text",
     "read_run",
-    "read_scores",
     "seeds_of",
     "shown_as",
     "unit_scale",
 ]
-
-_TEXT = (
-    "suite",
-    "scene",
-    "stress",
-    "level",
-    "stress2",
-    "level2",
-    "condition",
-    "stage",
-    "estimator",
-    "params",
-    "modality",
-    "quantity",
-    "unit",
-    "bound_kind",
-    "status",
-)
-_NUMBER = (
-    "seed",
-    "n",
-    "coverage",
-    "failure_rate",
-    "failure_at",
-    "bias",
-    "rmse",
-    "rmse_full",
-    "mae",
-    "p95",
-    "bound",
-    "efficiency",
-    "efficiency_lo",
-    "efficiency_hi",
-    "z_rms",
-    "cover95",
-    "cpu_s",
-    "wall_s",
-    "throughput",
-    "peak_bytes",
-)
-
-#: The columns of scores.csv that are read; others are ignored.
-COLUMNS = (*_TEXT, *_NUMBER)
-
-
-def read_scores(path: str | Path) -> pd.DataFrame:
-    """Read a score table: a run's folder, or its scores.csv or scores.parquet.
-
-    Raises:
-        InputError: nothing there, not a table, or a column of the contract is missing.
-    """
-    import pandas as pd
-
-    path = Path(path)
-    if path.is_dir():
-        found = [path / name for name in ("scores.csv", "scores.parquet") if (path / name).is_file()]
-        if not found:
-            raise InputError(
-                "The folder holds no score table.",
-                where=str(path),
-                allowed="a folder with scores.csv or scores.parquet",
-                next_step="beambench run quickstart",
-            )
-        path = found[0]
-    try:
-        if path.suffix == ".parquet":
-            table = pd.read_parquet(path)
-        else:
-            # Text stays text: the default reading would turn a scene named "NA" into a missing value.
-            blanks = {name: ["", "nan", "NaN"] for name in _NUMBER}
-            table = pd.read_csv(path, dtype=dict.fromkeys(_TEXT, str), keep_default_na=False, na_values=blanks)
-    except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise InputError("The score table cannot be read.", where=str(path), value=str(error)) from error
-    missing = [name for name in COLUMNS if name not in table.columns]
-    if missing:
-        raise InputError(
-            "The table is no score table: columns are missing.",
-            where=str(path),
-            value=missing,
-            allowed="scores.csv or scores.parquet as `beambench run` writes it",
-        )
-    for name in _TEXT:
-        table[name] = table[name].astype(object).fillna("").astype(str)
-    for name in _NUMBER:
-        try:
-            table[name] = pd.to_numeric(table[name]).astype(float)
-        except (ValueError, TypeError) as error:
-            raise InputError(
-                "A column of numbers holds something else.", where=f"{path}: {name}", value=str(error)
-            ) from error
-    return table
 
 
 def read_run(folder: Path) -> dict[str, Any]:
@@ -143,11 +50,6 @@ def read_run(folder: Path) -> dict[str, Any]:
                 "run.json holds something of another kind.", where=f"{path}: {name}", value=record[name], allowed=word
             )
     return record
-
-
-def label_of(estimator: str, params: str) -> str:
-    """`name[key=value,...]`, from the two columns of the table."""
-    return f"{estimator}[{params}]" if params and "[" not in estimator else estimator
 
 
 def seeds_of(table: pd.DataFrame) -> list[int]:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...estimators.labels import label_of
 from ..runner.costs import cost_interval
 from ..scores.error_tiles import TileKey
 from ..statistics.front import classify, interval_order, lower_left, paired_order, ratio_interval
 from .cell import Cell
-from .data import axis_text, label_of, level_text
+from .data import axis_text, level_text
 
 __all__ = ["mark_front"]
 

@@ -7,12 +7,14 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from ...estimators.labels import split_label
 from ..folders.files import write_text
 from ..runner.costs import read_costs
 from ..scores.error_tiles import read_tiles
+from ..scores.tables import read_scores
 from .breakdown import page_section
 from .charts import panel_title, panels_of, save_charts, speed_accuracy_spec, stress_groups, stress_spec
-from .data import Cell, base_cells, cells_of, read_run, read_scores, seeds_of, unit_scale
+from .data import Cell, base_cells, cells_of, read_run, seeds_of, unit_scale
 from .front import mark_front
 from .pictures import (
     DIVERGING,
@@ -220,7 +222,7 @@ def _failures(cells: list[Cell], run: dict[str, Any]) -> list[dict[str, Any]]:
             said = [
                 str(n.get("message", ""))
                 for n in notes
-                if str(n.get("estimator", "")) in {label, label.partition("[")[0]}
+                if str(n.get("estimator", "")) in {label, split_label(label)[0]}
                 and str(n.get("scene", cell.scene)) == cell.scene
             ]
             word, _, message = cell.status.partition(":")

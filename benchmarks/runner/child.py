@@ -157,9 +157,10 @@ def _home(label: str) -> str:
     """Where a plug-in comes from, as "module:function"; "" for a built-in."""
     from importlib.metadata import entry_points
 
+    from ...estimators.labels import split_label
     from ...estimators.registry import ENTRY_POINT_GROUP
 
-    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == label.partition("[")[0]]
+    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == split_label(label)[0]]
     return found[0] if found else ""
 
 

@@ -67,7 +67,7 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
     import difflib
 
     from ...estimators import BUILTIN
-    from ...estimators.labels import check_parameters, format_label, parse_label
+    from ...estimators.labels import check_parameters, format_label, parse_label, split_label
     from ...estimators.registry import get_estimator, list_estimators
 
     known = set(list_estimators())
@@ -93,8 +93,7 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
         full = format_label(name, params)
         if any(other.label == full for other in chosen):
             raise InputError("An estimator is listed twice.", where="estimators", value=full, allowed="each label once")
-        inside = full[len(name) + 1 : -1] if params else ""
-        chosen.append(Chosen(name, inside, full))
+        chosen.append(Chosen(*split_label(full), full))
     return chosen
 
 

@@ -11,7 +11,7 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...scenes.errors import InputError
 from ..folders.files import write_atomic, write_text
@@ -19,13 +19,18 @@ from ..statistics.tables import inference_tables
 from .score import ACCURACY, COLUMNS, KEY
 from .summary import SUMMARY_COLUMNS, summarise
 
-__all__ = ["read_numbers", "read_rows", "sort_rows", "to_csv", "write_tables"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["COLUMNS", "read_numbers", "read_scores", "sort_rows", "to_csv", "write_tables"]
 
 _INTEGERS = ("seed", "n")
 _TEXTS = (
     "suite", "scene", "stress", "stress2", "condition", "stage", "estimator", "params", "modality", "quantity", "unit",
     "bound_kind", "status",
 )  # fmt: skip
+#: Levels are read as they are written, so that their digits name a cell.
+_READ_AS_TEXT = (*_TEXTS, "level", "level2")
 
 
 def _field(value: Any) -> str:
@@ -78,17 +83,55 @@ def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
     pq.write_table(pa.Table.from_arrays(arrays, names=list(COLUMNS)), path)
 
 
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Read scores.csv back as rows with typed values; empty fields of numbers become NaN."""
-    with open(path, newline="", encoding="utf-8") as file:
-        rows: list[dict[str, Any]] = [dict(row) for row in csv.DictReader(file)]
-    for row in rows:
-        for name, value in row.items():
-            if name in _INTEGERS:
-                row[name] = int(value)
-            elif name not in _TEXTS:
-                row[name] = float(value) if value else math.nan
-    return rows
+def read_scores(path: str | Path) -> pd.DataFrame:
+    """Read a score table: a run's folder, or its scores.csv or scores.parquet. This is the one reader of such tables.
+
+    Texts and levels are text ("" where empty), all else floats (NaN where empty); columns that are not known are kept.
+
+    Raises:
+        InputError: there is no table, it cannot be read, or a column is missing or holds something else than numbers.
+    """
+    import pandas as pd
+
+    path = Path(path)
+    if path.is_dir():
+        found = [path / name for name in ("scores.csv", "scores.parquet") if (path / name).is_file()]
+        if not found:
+            raise InputError(
+                "The folder holds no score table.",
+                where=str(path),
+                allowed="a folder with scores.csv or scores.parquet",
+                next_step="beambench run quickstart",
+            )
+        path = found[0]
+    numbers = [name for name in COLUMNS if name not in _READ_AS_TEXT]
+    try:
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path)
+        else:
+            # Text stays text: the default reading would turn a scene named "NA" into a missing value.
+            blanks = {name: ["", "nan", "NaN"] for name in numbers}
+            table = pd.read_csv(path, dtype=dict.fromkeys(_READ_AS_TEXT, str), keep_default_na=False, na_values=blanks)
+    except (OSError, ValueError, UnicodeDecodeError) as error:
+        raise InputError("The score table cannot be read.", where=str(path), value=str(error)) from error
+    missing = [name for name in COLUMNS if name not in table.columns]
+    if missing:
+        raise InputError(
+            "The table is no score table: columns are missing.",
+            where=str(path),
+            value=missing,
+            allowed="scores.csv or scores.parquet as `beambench run` writes it",
+        )
+    for name in _READ_AS_TEXT:
+        table[name] = table[name].astype(object).fillna("").astype(str)
+    for name in numbers:
+        try:
+            table[name] = pd.to_numeric(table[name]).astype(float)
+        except (ValueError, TypeError) as error:
+            raise InputError(
+                "A column of numbers holds something else.", where=f"{path}: {name}", value=str(error)
+            ) from error
+    return table
 
 
 def read_numbers(path: Path, numbers: Sequence[str], what: str) -> list[dict[str, Any]]:

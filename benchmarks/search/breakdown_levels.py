@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...captures.layouts import scored_first
+from ...estimators.labels import label_of
 from ..statistics.levels import is_log
 from ..suites.suite import CELL_NONE
 
@@ -74,7 +75,7 @@ def level_rows(scores: pd.DataFrame, orders: dict[tuple[str, str], Sequence[floa
             continue
         rates = [float(rate_of[level]) for level in levels]
         worst = max(range(len(rates)), key=rates.__getitem__)
-        label = name if params in ("", "nan") else f"{name}[{params}]"
+        label = label_of(name, "" if params == "nan" else params)
         values = (suite, scene, condition, axis, label, breaking_level(levels, rates, 0.1),
                   breaking_level(levels, rates, 0.5), rates[0], rates[-1], levels[worst], rates[worst])  # fmt: skip
         rows.append(dict(zip(LEVEL_COLUMNS, values, strict=True)))
@@ -128,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the tables of some runs."""
     import argparse
 
-    from ..report.data import read_scores
+    from ..scores.tables import read_scores
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("runs", nargs="*", help="folders of runs, with scores.csv")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...estimators.labels import label_of
 from ...scenes.errors import InputError
 from ..statistics.skips import not_applicable
 from .bootstrap import studentised
@@ -66,7 +67,7 @@ class Comparison:
 
 
 def _label(row: dict[str, Any]) -> str:
-    return f"{row['estimator']}[{row['params']}]" if row["params"] else str(row["estimator"])
+    return label_of(str(row["estimator"]), str(row["params"]))
 
 
 def score_matrix(
@@ -81,7 +82,7 @@ def score_matrix(
     """Gather rows of scores.csv into one figure per estimator and scene: √mean(rmse_full²), weighted by elements.
 
     Main arguments:
-        rows: rows with typed values (`tables.read_rows`).
+        rows: rows of a score table, with typed values.
     Other arguments:
         modality, stage, quantity, condition: of the rows to take; what differs in them is not
         compared. stressed: take the stressed rows too, pooled into their scene.

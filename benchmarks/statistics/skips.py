@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ...estimators.labels import label_of
+
 __all__ = ["GAVE_UP", "not_applicable", "skip_reason", "skipped_rows", "skips_of"]
 
 #: How the status of a capture begins that was not tried, after an estimator exceeded its limits too often.
@@ -45,7 +47,7 @@ def skips_of(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for row in rows:
         status = str(row["status"])
         if reason := skip_reason(status):
-            label = f"{row['estimator']}[{row['params']}]" if row["params"] else str(row["estimator"])
+            label = label_of(str(row["estimator"]), str(row["params"]))
             record = found.setdefault(
                 (label, reason),
                 {"estimator": label, "reason": reason, "rows": 0, "scene": str(row["scene"]),

@@ -1,4 +1,4 @@
-"""Maximum likelihood over all frequencies at once: every whole number of cycles is a candidate, none is decided alone."""
+"""Maximum likelihood over all frequencies at once: the whole numbers of cycles of all frequencies are decided jointly."""
 
 from __future__ import annotations
 
@@ -7,35 +7,35 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...scenes.errors import InputError
+from ..fit import scoring
 from ..registry import estimator
 from ..result import range_result
-from ..waveform.fit import scoring
 from .samples import AmcwSamples, Phasors, phasors, read_samples
 
 __all__ = ["amcw_ml"]
 
 Float = npt.NDArray[np.float64]
 
-#: Candidate times per cycle of the highest frequency: 1/12 of a cycle off at most 1.5 % of the peak is lost.
+#: Candidate times per cycle of the highest frequency: half a step off, 15° of phase, the height loses at most 3.4 %.
 _PER_CYCLE = 12
-#: Phasor products in one piece of work.
+#: Products of phasors in one block of shots.
 _PRODUCTS = 1 << 22
 _MOST_CANDIDATES = 1 << 20
 
 
 def _candidates(samples: AmcwSamples, found: Phasors) -> tuple[Float, Float]:
-    """(best τ (shot), its lead over all other cycles in log-likelihood (shot)).
+    """(best τ (shot), its lead in log-likelihood over all other cycles (shot)).
 
-    With one height D for all frequencies, least squares gains n P²/(2F) at τ, P(τ) = Σ_f Re D_f exp(−iω_f(τ − t₀)) over
-    F frequencies: P is the joint likelihood of all integer candidates, since it knows no wrapping.
+    With one height D for all F frequencies, least squares gains n P²/(2F) at τ, P(τ) = Σ_f Re D_f exp(−iω_f(τ − t₀)):
+    P needs no whole number of cycles, so that its maximum decides all of them jointly.
     """
     low, high = (edge / samples.m_per_s for edge in samples.window_m)
     top = float(samples.frequency_hz[-1])
     count = int(np.ceil((high - low) * top * _PER_CYCLE)) + 1
     if count > _MOST_CANDIDATES:
         raise InputError(
-            "too many candidates: the window is long against the shortest wavelength", where="amcw-ml", value=count,
-            allowed=f"up to {_MOST_CANDIDATES}", next_step="narrow rig.range_window_m",
+            "The range window is too long for the shortest wavelength: there are too many candidate times.",
+            where="amcw-ml", value=count, allowed=f"up to {_MOST_CANDIDATES}", next_step="narrow rig.range_window_m",
         )  # fmt: skip
     tau = np.linspace(low, high, max(count, 2))
     omega = 2 * np.pi * samples.frequency_hz
@@ -51,7 +51,7 @@ def _candidates(samples: AmcwSamples, found: Phasors) -> tuple[Float, Float]:
         at = np.argmax(height, axis=1)
         first = np.take_along_axis(height, at[:, None], 1)[:, 0]
         best[rows] = np.where(first > 0, tau[at], np.nan)
-        # All that is within half a cycle of the best belongs to the same candidate.
+        # All times within half a cycle of the best belong to the same candidate.
         same = np.abs(np.arange(tau.size)[None, :] - at[:, None]) <= _PER_CYCLE // 2
         second = np.where(same, 0.0, height).max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,13 +66,17 @@ def _candidates(samples: AmcwSamples, found: Phasors) -> tuple[Float, Float]:
 def amcw_ml(capture: xr.Dataset, *, min_gap: float = 4.6, min_snr: float = 4.0) -> xr.Dataset:
     """Maximum likelihood of μ = M + D cos(ω_f(τ − t₀) − φ_k) over (τ, M, D), from all frequencies and phases.
 
-    τ starts at the best of all whole numbers of cycles in the declared window, weighed jointly; then Fisher scoring with
-    Poisson and read noise. Other arguments: min_gap: least lead in log-likelihood over every other candidate, below
-    which no answer is given (4.6: odds of 100 to 1). min_snr: least D in its standard errors.
-    Returns range, sigma [m] (from the information, M and D profiled) and valid (shot).
+    The start is the best of all whole numbers of cycles in the declared window, decided jointly over the frequencies;
+    Fisher scoring with Poisson and read noise follows. Other arguments: min_gap: least lead in log-likelihood over every
+    other whole number of cycles; with a smaller one no answer is given (4.6: odds of 100 to 1). min_snr: least D in its
+    standard errors.
+    Returns range, sigma [m] (from the Fisher information, M and D profiled) and valid (shot). Raises InputError for
+    negative parameters and for a window with too many candidates.
     """
     if min_gap < 0 or min_snr < 0:
-        raise InputError("min_gap and min_snr must not be negative", where="amcw-ml", value=(min_gap, min_snr))
+        raise InputError(
+            "A parameter is negative.", where="amcw-ml[min_gap, min_snr]", value=(min_gap, min_snr), allowed=">= 0"
+        )
     samples = read_samples(capture)
     found = phasors(samples)
     tau, lead = _candidates(samples, found)

@@ -1,4 +1,4 @@
-"""Phase comparison: one frequency, and the classic ladder of wavelengths in multiples of ten."""
+"""Phase comparison: at one frequency, and by a ladder of wavelengths in ratios of ten."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Float = npt.NDArray[np.float64]
 
 
 def _least(samples: AmcwSamples, found: Phasors, at: int) -> Float:
-    """Distance by Eq. 2.4 with the smallest n that lies in the declared window."""
+    """Distance by Eq. 2.4 with the least n that puts it into the declared window."""
     wave = float(samples.wavelength_m[at])
     part = part_wave_eq25(found.phase[:, at], 0.0, wave)
     n = np.ceil((2 * samples.window_m[0] - part) / wave)
@@ -26,7 +26,7 @@ def _least(samples: AmcwSamples, found: Phasors, at: int) -> Float:
 
 
 def _sigma(samples: AmcwSamples, found: Phasors, at: int) -> Float:
-    """Standard error of range from the phase's noise, λ_m σ_φ/4π."""
+    """Standard error of range from the noise of the phase, λ_m σ_φ/4π."""
     with np.errstate(divide="ignore", invalid="ignore"):
         phase = np.sqrt(found.variance[:, at]) / np.abs(found.value[:, at])
         return np.asarray(samples.wavelength_m[at] * phase / (4 * np.pi))
@@ -44,29 +44,32 @@ def _answer(samples: AmcwSamples, found: Phasors, distance: Float, used: list[in
 def amcw_phase(capture: xr.Dataset, *, frequency: int = -1, min_snr: float = 4.0) -> xr.Dataset:
     """2D = nλ_m + Δλ_m, Δλ_m = ΔΦ/2π·λ_m (Eq. 2.4, 2.5) at one frequency, n the least that the window allows.
 
-    Targets farther than half a modulation wavelength into the window are taken for nearer ones: the ambiguity.
-    Other arguments: frequency: index into the frequencies in ascending order; −1 is the highest, the most precise and
-    most ambiguous one. min_snr: least modulation in its standard errors.
-    Returns range, sigma [m] and valid (shot).
+    The answer is ambiguous: a target more than half a modulation wavelength beyond the near end of the window is answered
+    too near. Other arguments: frequency: index of the frequency in ascending order; −1 is the highest, the most precise
+    and the most ambiguous one. min_snr: least modulation in its standard errors.
+    Returns range, sigma [m] and valid (shot). Raises InputError where there is no such frequency.
     """
     samples = read_samples(capture)
     total = samples.frequency_hz.size
     if not -total <= frequency < total:
         raise InputError(
-            "there is no such frequency", where="amcw-phase", value=frequency, allowed=f"{-total} … {total - 1}"
+            "There is no such frequency.",
+            where="amcw-phase[frequency]",
+            value=frequency,
+            allowed=f"{-total} … {total - 1}",
         )
     found = phasors(samples)
     at = frequency % total
     return _answer(samples, found, _least(samples, found, at), [at], min_snr)
 
 
-@estimator("amcw", cites="Kusters 1992, section 2.2.3.2: ambiguity resolved by wavelengths in multiples of ten")
+@estimator("amcw", cites="Kusters 1992, section 2.2.3.2 (ambiguity resolved by wavelengths in ratios of ten)")
 def amcw_decade(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
-    """The ladder: the longest wavelength gives a coarse D', each shorter one its n = round((2D' − Δλ_m)/λ_m), then D.
+    """The longest wavelength gives a coarse D'; each shorter one takes n = round((2D' − Δλ_m)/λ_m) and gives a finer D.
 
-    A rung fails where the coarser one errs by more than λ_m/4: with a ratio of ten between wavelengths, where its phase
-    errs by more than 18°. What was wrong stays wrong; nothing is checked. sigma is that of the finest phase.
-    Other arguments: min_snr: least modulation at every frequency, in its standard errors.
+    A step fails where the coarser distance errs by more than λ_m/4: with a ratio of ten between wavelengths, where the
+    coarser phase errs by more than 18°. The failure is not detected, and stays in the answer. sigma is that of the finest
+    phase. Other arguments: min_snr: least modulation at every frequency, in its standard errors.
     Returns range, sigma [m] and valid (shot).
     """
     samples = read_samples(capture)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ import xarray as xr
 from ...optics.amcw import modulation_wavelength
 from ...optics.constants import C_M_PER_S
 from ...scenes.errors import InputError
+from ..rig import DeclaredRig, read_rig
 
 __all__ = ["AmcwSamples", "Phasors", "phasors", "read_samples"]
 
@@ -23,8 +23,9 @@ Bool = npt.NDArray[np.bool_]
 class AmcwSamples:
     """Samples of all shots, frequencies ascending.
 
-    z (shot, frequency, phase): photoelectrons. good: finite and not clipped. usable (shot): recorded soundly, with the
-    laser on. variance of a sample of mean μ: μ + floor_var. t0_s: the reference's lag. window_m: where targets may be.
+    z (shot, frequency, phase): photoelectrons. good (likewise): finite and not clipped. usable (shot): marked valid, with
+    the laser on. A sample of mean μ has the variance μ + floor_var. t0_s: lag of the reference. window_m: nearest and
+    farthest range of a target.
     """
 
     z: Float
@@ -50,8 +51,11 @@ class AmcwSamples:
 
 @dataclass(frozen=True)
 class Phasors:
-    """(shot, frequency): complex `value` D exp(iω(τ − t₀)), `variance` of its real and of its imaginary part [e²], the
-    `phase` ωτ with the declared t₀ taken off [rad], and `sound`: at least three good samples."""
+    """Phasors (shot, frequency).
+
+    value: D exp(iω(τ − t₀)); variance: that of its real part and of its imaginary part [e²]; phase: ωτ [rad], the declared
+    t₀ taken out; sound: all samples are good, and their phases determine the phasor.
+    """
 
     value: npt.NDArray[np.complex128]
     variance: Float
@@ -61,53 +65,50 @@ class Phasors:
 
 def read_samples(capture: xr.Dataset) -> AmcwSamples:
     """Read an AMCW capture. Raises InputError where the rig or the samples cannot be used."""
-    text = capture.attrs.get("rig")
-    try:
-        rig = json.loads(text) if isinstance(text, str) else None
-    except json.JSONDecodeError as error:
-        raise InputError("the declared rig is not JSON", where="attribute rig", value=str(text)[:80]) from error
-    if not isinstance(rig, dict) or rig.get("schema") != 1 or rig.get("kind") != "amcw":
-        raise InputError("not the declared rig of an AMCW capture", where="attribute rig", allowed="schema 1, amcw")
+    rig = read_rig(capture, "amcw")
     if "samples" not in capture or capture["samples"].dims != ("shot", "frequency", "phase"):
-        raise InputError("no AMCW samples", where="samples", allowed="dims (shot, frequency, phase)")
+        raise InputError(
+            "The capture has no samples of modulated light.", where="samples", value=tuple(capture.variables),
+            allowed="dims (shot, frequency, phase)",
+        )  # fmt: skip
     raw = capture["samples"].values
-    try:
-        detector, window = rig["detector"], rig["range_window_m"]
-        gain, offset, read = (float(detector[k]) for k in ("gain_dn_per_e", "offset_dn", "read_noise_e"))
-        full = offset + gain * (float(detector["full_well_e"]) - 4 * read)
-        top = min(2.0 ** int(detector["adc_bits"]) - 1, full)
-        index, t0 = float(rig["medium"]["group_index"]), float(rig["t0_s"])
-        declared = np.asarray(rig["modulation"]["frequencies_hz"], np.float64)
-        steps = int(rig["modulation"]["phase_steps"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError("the declared rig lacks a value", where="attribute rig", value=str(error)) from error
-    frequency = np.asarray(capture["frequency"].values if "frequency" in capture.coords else declared, np.float64)
-    default = 2 * np.pi * np.arange(steps) / steps
-    phase = np.asarray(capture["phase"].values if "phase" in capture.coords else default, np.float64)
+    frequency, phase = _settings(capture, rig)
     if raw.shape[1:] != (frequency.size, phase.size) or not (frequency > 0).all():
         raise InputError(
-            "samples do not fit frequencies and phases", where="samples", value=raw.shape,
-            allowed=f"(shot, {frequency.size}, {phase.size})",
+            "The samples do not fit the frequencies and phases.", where="samples", value=raw.shape,
+            allowed=f"(shot, {frequency.size}, {phase.size}), frequencies above 0",
         )  # fmt: skip
+    converter = rig.converter("detector")
     order = np.argsort(frequency)
     finite = np.isfinite(raw)
-    good = finite & (raw < top)
-    z = (np.where(finite, raw, offset).astype(np.float64) - offset) / gain
+    good = finite & (raw < converter.saturation_dn)
+    offset = converter.offset_dn
+    z = (np.where(finite, raw, offset).astype(np.float64) - offset) / converter.gain_dn_per_e
     usable = np.ones(len(raw), dtype=bool)
     for name in ("valid", "laser_on"):
         if name in capture.variables:
             usable &= np.asarray(capture[name].values, dtype=bool)
+    window = rig.numbers("range_window_m", length=2)
     return AmcwSamples(
-        z[:, order], good[:, order], usable, frequency[order], phase, index, read**2 + 1 / (12 * gain**2), t0,
-        (float(window[0]), float(window[1])),
+        z[:, order], good[:, order], usable, frequency[order], phase, rig.number("medium.group_index", above=0),
+        converter.floor_e2, rig.number("t0_s"), (float(window[0]), float(window[1])),
     )  # fmt: skip
+
+
+def _settings(capture: xr.Dataset, rig: DeclaredRig) -> tuple[Float, Float]:
+    """Modulation frequencies [Hz] and reference phases [rad]: coordinates of the capture, else as the rig declares them."""
+    declared = rig.numbers("modulation.frequencies_hz", above=0)
+    steps = rig.whole("modulation.phase_steps", least=3)
+    frequency = np.asarray(capture["frequency"].values if "frequency" in capture.coords else declared, np.float64)
+    even = 2 * np.pi * np.arange(steps) / steps
+    return frequency, np.asarray(capture["phase"].values if "phase" in capture.coords else even, np.float64)
 
 
 def phasors(samples: AmcwSamples) -> Phasors:
     """Least squares of M + a cos φ + b sin φ for every shot and frequency; D = a + ib.
 
-    With n even phases D = (2/n) Σ z exp(iφ), of variance 2σ²/n in either part. Frequencies with a clipped sample are
-    not sound: without it the phases are no longer even, and the bias of the rest would be unknown.
+    With n even phases D = (2/n) Σ z exp(iφ), with the variance 2σ²/n in either part. Frequencies with a clipped sample are
+    not sound: without it the phases are no longer even, and the bias of the rest is unknown.
     """
     phase = samples.phase_rad
     design = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)

@@ -1,4 +1,4 @@
-"""Calibration: from measurements of an instrument to the samples that its declared rig holds."""
+"""Calibration: from measurements of an instrument to the samples of its declared rig."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""Calibrate pulse and gate: from noisy traces of a laboratory to the samples that a declared rig holds.
+"""Calibrate pulse and gate: from noisy traces of a laboratory to the samples of a declared rig.
 
-A pulse is seen by a fast detector as repeated, noisy traces; a gate by moving a short flash through it. Both come out
-as even samples, smoothed no more than the noise asks, background removed, the pulse with unit area and its centroid at
+A pulse is measured as repeated, noisy traces of a fast detector; a gate by moving a short flash through it. Both become
+even samples, smoothed no more than the noise requires, background removed, the pulse with unit area and its centroid at
 0, the gate with its opening half height at 0.
 
-Shape and place are found apart, because what makes a good shape makes a biased place. The shape is smoothed, cut where
-it sinks into the noise, and held above 0. The place comes from the record itself by sums that are linear in it, so that
-noise moves it to either side alike: the pulse's centroid over a window twice as long as the shape, and the gate's half
-height as the crossing of a symmetric average over the opening edge. (The first sample above half of a noisy curve lies
-early; a straight line to the sample before a jump's upper end lies half a step early.)
+Shape and place are estimated separately, because the steps that improve the shape bias the place. The shape is smoothed,
+cut where it sinks into the noise, and kept above 0. The place comes from the unsmoothed record by sums that are linear in
+it, so that noise moves it equally to both sides: the centroid of the pulse over a window twice as long as the shape, and
+the half height of the gate as the crossing of a symmetric average over the opening edge. (The first sample above half of a
+noisy curve lies early; a straight line to the sample before the upper end of a jump lies half a step early.)
 """
 
 from __future__ import annotations
@@ -21,23 +21,24 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenes.errors import InputError
+from ..rig import samples_of
 
 __all__ = ["gate_from_scan", "pulse_from_trace", "simulate_measurement"]
 
 Float = npt.NDArray[np.float64]
 
-#: Nodes of the average over an edge: odd, so that one is its centre.
+#: Nodes of the average over an edge: an odd number, so that one is its centre.
 _NODES = np.linspace(-1.0, 1.0, 65)
-#: Epanechnikov's kernel with its second moment taken off: exact for edges that are odd about their half height, such as
+#: Epanechnikov's weights with the second moment removed: exact for edges that are odd about their half height, such as
 #: jumps and ramps, and for cubics.
-_KERNEL = (1.0 - _NODES**2) * (3.0 - 7.0 * _NODES**2)
+_WEIGHTS = (1.0 - _NODES**2) * (3.0 - 7.0 * _NODES**2)
 #: Shortest half width of that average, in steps: a jump rises over two.
 _LEAST_REACH = 3.0
 
 
 @dataclass(frozen=True)
 class _Record:
-    """A record without its background: as measured, and smoothed; the shape is smooth[first:last]."""
+    """A record with the background removed: as measured, and smoothed; the shape is smooth[first:last]."""
 
     raw: Float
     smooth: Float
@@ -56,30 +57,33 @@ def _checked(start_s: float, step_s: float, trace: npt.ArrayLike, what: str) -> 
     values = values[None, :] if values.ndim == 1 else values
     if values.ndim != 2 or values.shape[1] < 16 or not np.isfinite(values).all():
         raise InputError(
-            f"unusable {what} measurement", where=what, value=values.shape, allowed="finite (shot, sample), 16 or more"
-        )
+            f"The measurement of the {what} cannot be used.", where=what, value=values.shape,
+            allowed="finite numbers (shot, sample), 16 samples or more",
+        )  # fmt: skip
     if not (np.isfinite(start_s) and step_s > 0):
-        raise InputError(f"unusable time axis of the {what}", where=what, value=(start_s, step_s), allowed="step_s > 0")
+        raise InputError(
+            f"The time axis of the {what} cannot be used.", where=what, value=(start_s, step_s),
+            allowed="a finite start_s, step_s > 0",
+        )  # fmt: skip
     return values
 
 
 def _noise(mean: Float) -> float:
-    """Standard deviation of one sample from third differences, which a smooth signal hardly enters."""
+    """Standard deviation of one sample from third differences, to which a smooth signal contributes little."""
     third = np.diff(mean, n=3)
     return float(1.4826 * np.median(np.abs(third - np.median(third))) / np.sqrt(20))
 
 
 def _smooth(mean: Float, noise: float) -> Float:
-    """Wiener filter in frequency: each component weighted by its power above the white noise's, over its power.
+    """Wiener filter: each frequency is weighted by its power above that of the white noise, over its power.
 
-    The power is averaged over neighbouring frequencies; beyond the first band without signal all is taken as noise.
+    The power is averaged over neighbouring frequencies; all beyond the first band without signal is taken as noise.
     """
     n = mean.size
     spectrum = np.fft.rfft(np.concatenate([mean, mean[::-1]]))
     power = np.abs(spectrum) ** 2
     level = 2 * n * max(noise, 1e-12 * float(np.abs(mean).max())) ** 2 * 2
-    kernel = np.ones(9) / 9
-    local = np.convolve(np.pad(power, 4, mode="edge"), kernel, mode="valid")
+    local = np.convolve(np.pad(power, 4, mode="edge"), np.ones(9) / 9, mode="valid")
     gain = np.clip(1 - level / np.maximum(local, 1e-300), 0, 1)
     silent = np.flatnonzero(local < 1.5 * level)
     if silent.size:
@@ -88,8 +92,8 @@ def _smooth(mean: Float, noise: float) -> Float:
 
 
 def _support(smooth: Float, noise: float) -> tuple[int, int]:
-    """First and last + 1 sample of the part around the maximum that is above 0, as far as it joins what stands above the
-    noise and 1e-3: tails are followed until they are lost."""
+    """First and last + 1 sample of the shape: the samples about the maximum that exceed the noise and 1e-3 of it, and the
+    tails beyond them while they stay above 0."""
     above = smooth > max(2 * noise, 1e-3 * float(smooth.max()))
     top = int(smooth.argmax())
     before, after = np.flatnonzero(~above[:top]), np.flatnonzero(~above[top:])
@@ -110,12 +114,15 @@ def _recover(values: Float, step_s: float, what: str) -> _Record:
     smooth = _smooth(raw, noise)
     if not smooth.max() > 5 * noise:
         raise InputError(
-            f"no {what} stands out of the noise", where=what, value=float(smooth.max() / max(noise, 1e-300)),
-            allowed="peak above 5 standard deviations", next_step="average more shots",
+            f"The {what} does not exceed the noise.", where=what, value=float(smooth.max() / max(noise, 1e-300)),
+            allowed="a peak above 5 standard deviations", next_step="average more shots",
         )  # fmt: skip
     first, last = _support(smooth, noise)
     if last - first < 3:
-        raise InputError(f"the {what} is shorter than 3 samples", where=what, value=step_s, next_step="sample finer")
+        raise InputError(
+            f"The {what} is shorter than 3 samples.", where=what, value=last - first, allowed="3 samples or more",
+            next_step="sample in smaller steps",
+        )  # fmt: skip
     return _Record(raw, smooth, first, last)
 
 
@@ -128,7 +135,8 @@ def _centroid(record: _Record) -> float:
 
 
 def _top(record: _Record) -> float:
-    """Height of the gate's top, a plateau or a peak: a parabola over the middle of what is above .9, at its centre."""
+    """Height of the top of the gate, a plateau or a peak: at the centre of a parabola through the middle of the samples
+    above .9 of the maximum."""
     high = record.first + np.flatnonzero(record.shape() >= 0.9 * float(record.smooth.max()))
     low, high_end, middle = int(high[0]), int(high[-1]), 0.5 * float(high[0] + high[-1])
     inset = int(0.2 * (high_end - low))
@@ -157,7 +165,7 @@ def _opening(record: _Record, top: float) -> float:
     reach = max(_LEAST_REACH, 0.5 * (end - begin))
     centre = start + np.linspace(-reach, reach, 257)
     place = centre[:, None] + reach * _NODES
-    average = np.interp(place, samples, record.raw) @ _KERNEL / _KERNEL.sum() - 0.5 * top
+    average = np.interp(place, samples, record.raw) @ _WEIGHTS / _WEIGHTS.sum() - 0.5 * top
     rising = np.flatnonzero((average[:-1] < 0) & (average[1:] >= 0))
     if not rising.size:
         return start
@@ -167,9 +175,10 @@ def _opening(record: _Record, top: float) -> float:
 
 def pulse_from_trace(start_s: float, step_s: float, trace: npt.ArrayLike) -> dict[str, Any]:
     """Samples {"start_s", "step_s", "value"} [1/s] of a pulse: unit area, t = 0 at the centroid of the record, so that a
-    tail that is too faint to be among the samples still counts in the place of those that are.
+    tail too faint to be among the samples still enters their place.
 
-    Main arguments: time axis and trace (sample) or (shot, sample), any unit and offset. Raises InputError.
+    Main arguments: time axis; trace (sample) or (shot, sample), in any unit and with any offset. Raises InputError for a
+    measurement that cannot be used.
     """
     record = _recover(_checked(start_s, step_s, trace, "pulse"), step_s, "pulse")
     shape = record.shape()
@@ -182,21 +191,21 @@ def gate_from_scan(
 ) -> dict[str, Any]:
     """Samples {"start_s", "step_s", "value"} of a gate: top at `transmission`, opening half height at 0.
 
-    Main arguments: time axis and the light that passes a flash at each time, (sample) or (repeat, sample); the gate's
-    greatest transmission. Other arguments: flash: samples of the flash; its variance is taken off by the first-order
-    sharpening g − ½σ²·g″, where the noise lets that be seen. Raises InputError.
+    Main arguments: time axis; the light of the flash that passes the gate at each time, (sample) or (repeat, sample); the
+    greatest transmission of the gate. Other arguments: flash: samples of the flash; the width that its variance adds is
+    removed to first order, by the sharpening g − ½σ²·g″. Raises InputError for a measurement that cannot be used.
     """
     if not 0 < transmission <= 1:
         raise InputError(
-            "transmission is a fraction", where="gate", value=transmission, allowed="0 < transmission <= 1"
+            "The transmission is not a fraction.", where="gate", value=transmission, allowed="0 < transmission <= 1"
         )
     record = _recover(_checked(start_s, step_s, scan, "gate"), step_s, "gate")
     top = _top(record)
     value = np.clip(record.shape() * transmission / top, 0.0, 1.0)
     opening = _opening(record, top)
     if flash is not None:
-        p = np.asarray(flash["value"], dtype=np.float64)
-        t = float(flash["step_s"]) * np.arange(p.size)
+        _start, step, p = samples_of(flash, "flash")
+        t = step * np.arange(p.size)
         variance = float((t**2 * p).sum() / p.sum() - ((t * p).sum() / p.sum()) ** 2)
         slope = np.gradient(value, step_s)
         bend = np.gradient(slope, step_s)
@@ -214,17 +223,16 @@ def simulate_measurement(
 ) -> tuple[float, float, Float]:
     """A noisy laboratory trace of declared samples: (start_s, step_s, trace (shot, sample)).
 
-    White noise of standard deviation `noise`·peak per shot and sample; `margin`·length of empty time on both sides, an
-    unknown offset and scale drawn from the seed. This is the stated noise of a suite's "calibrated" condition.
+    The noise is white, with the standard deviation `noise`·peak per shot and sample; the trace has `margin`·length of empty
+    time on both sides, and an offset and a scale that are drawn from the seed. Raises InputError.
     """
     if noise < 0 or shots < 1 or margin <= 0:
-        raise InputError("not a measurement", where="simulate_measurement", value=(noise, shots, margin),
-                         allowed="noise >= 0, shots >= 1, margin > 0")  # fmt: skip
+        raise InputError("The parameters describe no measurement.", where="simulate_measurement",
+                         value=(noise, shots, margin), allowed="noise >= 0, shots >= 1, margin > 0")  # fmt: skip
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    value = np.asarray(samples["value"], dtype=np.float64)
+    start, step, value = samples_of(samples, "simulate_measurement")
     pad = max(16, int(margin * value.size))
     clean = np.concatenate([np.zeros(pad), value, np.zeros(pad)]) / value.max()
     scale, offset = rng.uniform(0.5, 2.0), rng.normal(0, 0.1)
     trace = scale * (clean + noise * rng.normal(size=(shots, clean.size))) + offset
-    step = float(samples["step_s"])
-    return float(samples["start_s"]) - pad * step, step, np.asarray(trace)
+    return start - pad * step, step, np.asarray(trace)

@@ -1,4 +1,4 @@
-"""A radiometric weighted average: weights from the expected intensity, so that the reflection does act."""
+"""A radiometric weighted average: the weights come from the expected intensity, so that the reflection matters."""
 
 from __future__ import annotations
 
@@ -26,28 +26,33 @@ Float = npt.NDArray[np.float64]
 def expected_electrons(rig: Instrument, range_m: Float, reflection: Float) -> Float:
     """α [photoelectrons per slice, gate open] of a surface at range_m with reflection f [1/sr] (Eq. 6 in photons).
 
-    α = N·E λ/(hc) · I(θ)/r² · f · πA_px/(4F²)·T·QE · e^(−2cr), I(θ) the declared beam [1/sr]; "measured" is taken flat.
+    α = N·E λ/(hc) · I(θ)/r² · f · πA_px/(4F²)·T·QE · e^(−2cr), I(θ) the declared beam [1/sr]; a beam that is not Gaussian is
+    taken as uniform over its cone. Raises InputError where the declared rig lacks a value.
     """
-    camera, laser, medium = rig.rig["camera"], rig.rig["laser"], rig.rig["medium"]
-    half = float(laser["half_angle_rad"])
-    x = (np.arange(rig.cols) - rig.principal_col)[None, :] / rig.focal_px - np.tan(laser["offset_rad"][0])
-    y = (np.arange(rig.rows) - rig.principal_row)[:, None] / rig.focal_px - np.tan(laser["offset_rad"][1])
+    declared = rig.rig
+    half, offset = declared.number("laser.half_angle_rad", above=0), declared.numbers("laser.offset_rad", length=2)
+    x = (np.arange(rig.cols) - rig.principal_col)[None, :] / rig.focal_px - np.tan(offset[0])
+    y = (np.arange(rig.rows) - rig.principal_row)[:, None] / rig.focal_px - np.tan(offset[1])
     angle = np.arctan(np.hypot(x, y))
-    if laser["profile"] == "gaussian":
+    if declared.need("laser.profile") == "gaussian":
         beam = 2 / (np.pi * half**2) * np.exp(-2 * (angle / half) ** 2)
     else:
         beam = np.full(angle.shape, 1 / (2 * np.pi * (1 - np.cos(half))))
-    photons = rig.pulses_per_slice * laser["pulse_energy_j"] * laser["wavelength_m"] / (PLANCK_J_S * C_M_PER_S)
-    lens = np.pi * camera["pixel_pitch_m"] ** 2 / (4 * camera["f_number"] ** 2) * camera["transmission"]
-    loss = np.exp(-2 * (medium["absorption_per_m"] + medium["scattering_per_m"]) * range_m)
-    return np.asarray(photons * beam / range_m**2 * reflection * lens * camera["quantum_efficiency"] * loss)
+    energy, wave = declared.number("laser.pulse_energy_j", least=0), declared.number("laser.wavelength_m", above=0)
+    photons = rig.pulses_per_slice * energy * wave / (PLANCK_J_S * C_M_PER_S)
+    pitch, f_number = declared.number("camera.pixel_pitch_m", above=0), declared.number("camera.f_number", above=0)
+    lens = np.pi * pitch**2 / (4 * f_number**2) * declared.number("camera.transmission", least=0)
+    absorption = declared.number("medium.absorption_per_m", least=0)
+    loss = np.exp(-2 * (absorption + declared.number("medium.scattering_per_m", least=0)) * range_m)
+    efficiency = declared.number("camera.quantum_efficiency", least=0)
+    return np.asarray(photons * beam / range_m**2 * reflection * lens * efficiency * loss)
 
 
 @kernel(error_model="numpy")
 def _iterate(  # type: ignore[no-untyped-def]
     counts, slices, group, levels, noise, share, number, reads, table, bounds, start, alpha, level, tau, sigma, ok
 ):
-    """Move τ until the weighted centroid of the data is that of the model A·R + B with the same weights."""
+    """Move τ until the weighted centroid of the data equals that of the model A·R + B under the same weights."""
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
     excess, floor = noise
@@ -114,15 +119,19 @@ def chua_2016(
 ) -> xr.Dataset:  # fmt: skip
     """Weighted average with w_k = S_k/(F²(S_k + B) + σ_r²), S_k = α(r, θ)·R(τ−t_k) from the LADAR equation.
 
-    α is `expected_electrons` with Eq. 4 in 1/sr at the model's angle θ = (ρ/ρ_max)^k·φ: a wrong reflection now gives
-    wrong weights (more noise), where in `chua-2017` it cancels. B is the mean of the slices beyond R's support. τ is
-    moved until the weighted centroid of the data equals that of A·R + B under the same weights, so that weights which
-    follow τ do not hold it back. Other arguments: as `chua-2017` (k_d = .16/sr: a Lambert albedo of .5).
+    α is `expected_electrons` with Eq. 4 in 1/sr at the angle θ = (ρ/ρ_max)^k·φ of the model: a wrong reflection gives wrong
+    weights (more noise) here, while it cancels in `chua-2017`. B is the mean of the slices that R does not reach. τ is
+    moved until the weighted centroid of the data equals that of A·R + B under the same weights; otherwise weights that
+    follow τ would hold it back. Other arguments: as `chua-2017` (k_d = .16/sr: a Lambert albedo of .5).
     Returns range, sigma [m] by error propagation, valid (row, col): settled within 50 steps inside the window, no
-    clipped sample, brightest slice above the background by 2 standard deviations. Raises InputError.
+    clipped sample, brightest slice above the background by 2 standard deviations. Raises InputError for parameters that
+    are no reflection, and for a rig that lacks a value.
     """
     if k_s < 0 or k_d < 0 or k_s + k_d <= 0 or slope <= 0:
-        raise InputError("not a reflection", where="chua-2016", value=(k_s, k_d, slope), allowed="k_s + k_d > 0")
+        raise InputError(
+            "The parameters describe no reflection.", where="chua-2016[k_s, k_d, slope]", value=(k_s, k_d, slope),
+            allowed="k_s, k_d >= 0 and not both 0, slope > 0",
+        )  # fmt: skip
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]

@@ -1,4 +1,4 @@
-"""The seed's range model (Eq. 23, 24) as printed, and the same with the cosine on the side that the text asks for."""
+"""The range model of Guo et al. 2017 (Eq. 23, 24) as printed, and with the cosine where their text requires it."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ from .tools.stack import Stack, load_row, read_stack
 __all__ = ["chua_2017", "chua_2017_orthogonal", "model_angle", "printed_reflection"]
 
 Float = npt.NDArray[np.float64]
-CITES = "Chua, Guo and Wang, Sensors 17(9):2031, 2017, Eq. 23-24 of the seed text"
+CITES = "Chua, Guo and Wang, Sensors 17(9):2031, 2017; Guo et al. 2017, Eq. 23-24"
 
 
 def model_angle(rig: Instrument, k: float, phi: float | None) -> Float:
     """θ(x, y) = (ρ/ρ_max)^k·φ [rad] (Eq. 12, 13), (row, col): ρ from the principal point [px].
 
-    The text lets the illumination cover "an area within (x_max, y_max) with half diverging cone propagation of angle φ":
-    φ belongs to the cone's edge. So with the declared beam half angle (phi None) ρ_max = focal length·tan φ, where that
-    edge falls on the array's plane, be it inside the array or beyond. A phi that is given is the angle at the array's
-    farthest corner, ρ_max that corner's ρ: the reading of (x_max, y_max) as the image's size. At most π/2.
+    In the text the illumination covers "an area within (x_max, y_max) with half diverging cone propagation of angle φ":
+    φ is the angle of the edge of the cone. So for phi None φ is the declared half angle of the beam and ρ_max = focal
+    length·tan φ, where that edge meets the plane of the array, inside the array or outside. A phi that is given is the
+    angle at the farthest corner of the array, and ρ_max the ρ of that corner: (x_max, y_max) read as the size of the image.
+    The result is at most π/2. Raises InputError where the rig declares no half angle.
     """
     x = (np.arange(rig.cols) - rig.principal_col)[None, :]
     y = (np.arange(rig.rows) - rig.principal_row)[:, None]
     rho = np.hypot(x, y)
     if phi is None:
-        angle = float(rig.rig["laser"]["half_angle_rad"])
+        angle = rig.rig.number("laser.half_angle_rad", least=0)
         edge = rig.focal_px * np.tan(min(angle, 0.5 * np.pi))
     else:
         angle, edge = phi, float(rho.max())
@@ -41,7 +42,7 @@ def model_angle(rig: Instrument, k: float, phi: float | None) -> Float:
 
 
 def printed_reflection(theta: Float, k_s: float, k_d: float, slope: float, diffusivity: float) -> Float:
-    """Eq. 4: K_S/cos⁶θ·exp(−tan²θ/s²) + K_D·cosᵐθ, with the first term in logarithms (cos⁻⁶ overflows at grazing)."""
+    """Eq. 4: K_S/cos⁶θ·exp(−tan²θ/s²) + K_D·cosᵐθ; the first term in logarithms, since cos⁻⁶ overflows at grazing angles."""
     cos = np.cos(theta)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_cos = np.log(np.maximum(cos, 1e-300))
@@ -107,13 +108,16 @@ def _run(
 ) -> tuple[Instrument, Float, Float, npt.NDArray[np.bool_], Float]:  # fmt: skip
     if k_s < 0 or k_d < 0 or k_s + k_d <= 0 or slope <= 0:
         raise InputError(
-            "not a reflection",
-            where="chua-2017",
+            "The parameters describe no reflection.",
+            where="chua-2017[k_s, k_d, slope]",
             value=(k_s, k_d, slope),
-            allowed="k_s, k_d >= 0 not both 0, slope > 0",
+            allowed="k_s, k_d >= 0 and not both 0, slope > 0",
         )
     if not 0 <= threshold < 1:
-        raise InputError("threshold is a fraction", where="chua-2017", value=threshold, allowed="0 <= threshold < 1")
+        raise InputError(
+            "The threshold is not a fraction.", where="chua-2017[threshold]", value=threshold,
+            allowed="0 <= threshold < 1",
+        )  # fmt: skip
     stack = read_stack(capture)
     theta = model_angle(stack.instrument, k, phi)
     tau, sigma, ok = _average(stack, printed_reflection(theta, k_s, k_d, slope, diffusivity), threshold)
@@ -128,13 +132,13 @@ def chua_2017(
 ) -> xr.Dataset:  # fmt: skip
     """⟨r⟩ = 1/cos θ_m · Σ f⁻¹ w I r³ / Σ f⁻¹ w I r², exactly as printed; I = counts − offset, w = 1, r_i = c·t_i/2n_g.
 
-    f is Eq. 4 at θ_m = (ρ/ρ_max)^k·φ and the same for all slices of a pixel, so it cancels; it is computed all the
-    same. t_i is the delay plus R's centroid. What the printed model does to the radial range that a time of flight
-    is: it divides by cos θ_m (orthogonal → radial, a second time), and r³/r² moves a symmetric echo out by 2σ²/r; a
-    background pulls as in `weighted-average`. The result is returned as it comes, as the radial range [m].
-    Other arguments: k_s, k_d, slope, diffusivity: K_S, K_D, s, m of Eq. 4; k, phi [rad]: Eq. 13 (None: the declared beam
-    half angle at the cone's edge; a number: the angle at the array's farthest corner); threshold: samples below this
-    fraction of the pixel's greatest are left out (printed: 0).
+    f is Eq. 4 at θ_m = (ρ/ρ_max)^k·φ. It is the same for all slices of a pixel, so that it cancels; it is computed all the
+    same. t_i is the delay plus the centroid of R. A time of flight gives the radial range. The printed model divides it by
+    cos θ_m (orthogonal → radial, a second time); r³/r² moves a symmetric echo away by 2σ²/r; a background pulls as in
+    `weighted-average`. None of this is corrected: the result is returned as the radial range [m].
+    Other arguments: k_s, k_d, slope, diffusivity: K_S, K_D, s, m of Eq. 4; k, phi [rad]: Eq. 13 (None: the declared half
+    angle of the beam at the edge of the cone; a number: the angle at the farthest corner of the array); threshold: samples
+    below this fraction of the greatest of the pixel are left out (printed: 0).
     Returns range, sigma [m] by error propagation, valid (row, col). Raises InputError for parameters out of range.
     """
     _rig, radial, error, ok, cos = _run(capture, k_s, k_d, slope, diffusivity, k, phi, threshold)
@@ -149,8 +153,8 @@ def chua_2017_orthogonal(
 ) -> xr.Dataset:  # fmt: skip
     """As `chua-2017` with ×cos θ_m instead of ÷: r_orthogonal = cos θ_m · Σ f⁻¹ w I r³ / Σ f⁻¹ w I r² (Eq. 11).
 
-    The contract wants the radial range: the orthogonal distance is divided by the cosine of the pixel's true ray, so
-    that what remains is the error of the model's angle (ρ/ρ_max)^k·φ, and that of the r³/r² weights.
+    An estimate is a radial range, so the orthogonal distance is divided by the cosine of the true ray of the pixel: the
+    errors that remain are those of the angle (ρ/ρ_max)^k·φ of the model and of the weights r³/r².
     Arguments, result and errors as `chua-2017`.
     """
     rig, radial, error, ok, cos = _run(capture, k_s, k_d, slope, diffusivity, k, phi, threshold)

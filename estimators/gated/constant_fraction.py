@@ -1,4 +1,4 @@
-"""Constant fraction: the crossing of a fraction of the pixel's own maximum."""
+"""Constant fraction: the crossing of a fraction of the maximum of the pixel."""
 
 from __future__ import annotations
 
@@ -26,16 +26,19 @@ def constant_fraction(
 ) -> xr.Dataset:  # fmt: skip
     """τ = t_f + u_f: t_f where y − B crosses `fraction` of its maximum, u_f where R does; "both" takes their mean.
 
-    The level follows the echo's height, so that there is no walk as in `threshold`. The height is that of the parabola
-    through the three highest samples. The crossing is sought outward from the brightest slice.
+    The level follows the height of the echo, so that there is no walk as in `threshold`. The height is that of the parabola
+    through the three highest samples. The search for the crossing goes outward from the brightest slice.
     Other arguments: fraction in (0, 1); edges: "leading" is the rising edge of the profile over delay; background:
-    "outside" subtracts the mean of the slices beyond R's reach from the brightest, "none" nothing.
+    "outside" subtracts the mean of the slices that lie farther from the brightest than R reaches, "none" nothing.
     Returns range, sigma [m], valid (row, col). sigma propagates the noise of the crossing samples and of the height
     (which cancels between the edges of "both"), not the bias of straight lines through a curved edge. Invalid: no crossing
     inside the stack, clipped or NaN samples, height below 3 standard deviations. Raises InputError.
     """
     if not 0 < fraction < 1:
-        raise InputError("not a fraction", where="constant-fraction", value=fraction, allowed="0 < fraction < 1")
+        raise InputError(
+            "The fraction is out of range.", where="constant-fraction[fraction]", value=fraction,
+            allowed="0 < fraction < 1",
+        )  # fmt: skip
     stack = read_stack(capture)
     shape = stack.counts.shape[1:]
     tau, sigma, valid = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)

@@ -145,11 +145,11 @@ def _fit_rows(counts, slices, group, levels, noise, share, number, reads, t, wid
 def gaussian_least_squares(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     """Least squares of y_k = A·exp(−½((t_k + ū − τ)/s)²) + B over (A, τ, s, B), equal weights, by Levenberg-Marquardt.
 
-    ū is R's centroid. What is declared of the instrument enters as the start's width only (s within e^±1.5 of it), so
-    that a wrong pulse hurts little; an R that is no bell biases by its asymmetry.
-    Other arguments: min_snr: least A in its standard errors. Returns range, sigma [m], valid (row, col): sigma is the
-    photon noise of the fitted profile through the fit, and not the model's error. Invalid: not settled within 60 steps,
-    centre outside the delays, a clipped or NaN sample.
+    ū is the centroid of R. Beside ū, the declared instrument enters only as the first value of the width (s stays within
+    e^±1.5 of it), so that a wrongly declared pulse matters little; an R that is not Gaussian biases by its asymmetry.
+    Other arguments: min_snr: least A in its standard errors. Returns range, sigma [m], valid (row, col): sigma propagates
+    the photon noise of the fitted profile through the fit, without the error of the model. Invalid: not settled within 60
+    steps, centre outside the delays, a clipped or NaN sample.
     """
     stack = read_stack(capture)
     rig = stack.instrument

@@ -28,7 +28,7 @@ class Weights:
     """centre, scale (feature); hidden (unit, feature) and bias (unit), drawn once; answer and log_error
     (1 + feature + unit): linear in 1, the scaled features and the units; factor: calibration of the stated error.
 
-    What the training held: low, high (feature); light (2): least and most photoelectrons of an echo, over F²; excess: the
+    Limits of the training data: low, high (feature); light (2): least and most photoelectrons of an echo, over F²; excess:
     greatest excess noise factor.
     """
 
@@ -48,7 +48,7 @@ class Weights:
 @kernel(error_model="numpy")
 def predict(features, ok, centre, scale, hidden, bias, answer, log_error, value, error):  # type: ignore[no-untyped-def]
     """Answers of all rows of features (pixel, feature) that are ok: h = tanh(H·f + b), value = w·(1, f, h), error =
-    exp(v·(1, f, h)). One pixel after the other, so that no answer depends on its neighbours."""
+    exp(v·(1, f, h)). The pixels are computed one by one, so that no answer depends on other pixels."""
     n, units = centre.size, bias.size
     f = np.empty(n)
     for p in range(features.shape[0]):
@@ -71,7 +71,7 @@ def predict(features, ok, centre, scale, hidden, bias, answer, log_error, value,
 
 @lru_cache(maxsize=4)
 def read_weights(path: str | None) -> Weights:
-    """Weights from an .npz file, or those shipped with the package. Raises InputError where they do not fit."""
+    """Weights from an .npz file, or those that ship with the package. Raises InputError where the file cannot be used."""
     where = path or "library/learned.npz"
     try:
         if path is None:
@@ -84,13 +84,19 @@ def read_weights(path: str | None) -> Weights:
                   ("centre", "scale", "hidden", "bias", "answer", "log_error", "low", "high", "light")}  # fmt: skip
         numbers = {k: float(data[k]) for k in ("factor", "excess")}
     except (OSError, ValueError, KeyError) as error:
-        raise InputError("not the weights of `learned`", where=where, value=str(error)[:200]) from error
+        raise InputError(
+            "The file does not hold weights of the estimator learned.", where=where, value=str(error)[:200],
+            next_step="beambench estimators train --data FOLDER --out FILE",
+        ) from error  # fmt: skip
     units = arrays["bias"].size
     fit = arrays["hidden"].shape == (units, FEATURES) and arrays["centre"].shape == arrays["scale"].shape == (FEATURES,)
     fit = fit and arrays["low"].shape == arrays["high"].shape == (FEATURES,) and arrays["light"].shape == (2,)
     fit = fit and arrays["answer"].shape == arrays["log_error"].shape == (1 + FEATURES + units,)
     if not fit or not all(np.isfinite(a).all() for a in arrays.values()) or not min(numbers.values()) > 0:
-        raise InputError("weights of a wrong shape", where=where, allowed=f"{FEATURES} features")
+        raise InputError(
+            "The weights have the wrong shape or are not finite.", where=where, allowed=f"{FEATURES} features",
+            next_step="beambench estimators train --data FOLDER --out FILE",
+        )  # fmt: skip
     return Weights(factor=numbers["factor"], excess=numbers["excess"], **arrays)
 
 
@@ -98,24 +104,27 @@ def read_weights(path: str | None) -> Weights:
 def learned(capture: xr.Dataset, *, weights: str | None = None, min_snr: float = 4.0) -> xr.Dataset:
     """τ = τ₀ + σ_R·w·(1, f, tanh(H f + b)): f the normalised profile about a matched filter's first guess τ₀.
 
-    Trained by `beambench estimators train` on the generated captures of suite `learned-training`, of water and air (the
-    weights name theirs in their entry `trained_on`); H and b are random and fixed, w comes from one linear solve. It knows
-    the declared instrument through τ₀, σ_R and R's centroid only, and learns what water adds: ramp, halo, attenuation.
-    Other arguments: weights: an .npz file of `train`; min_snr: least amplitude in its rough standard errors.
-    Returns range, sigma [m], valid (row, col). sigma is learned as well (a regression of log error, calibrated on
-    captures held out), and at least σ_R·F/√N, what a centroid of the echo's N photoelectrons has without background.
-    Invalid: what the training did not hold (more excess noise, fewer or more photoelectrons, more background; the weights
-    keep the limits), slices farther apart than the points of f, clipped or NaN samples, no echo, a stated error beyond R's
-    own width. Raises InputError for weights that do not fit.
+    Trained by `beambench estimators train` on the generated captures of the suite `learned-training`, in water and air (the
+    entry `trained_on` of the weights names them); H and b are random and fixed, w comes from one linear solve. The declared
+    instrument enters only through τ₀, σ_R and the centroid of R; the effects of water (ramp, halo, attenuation) are learned.
+    Other arguments: weights: an .npz file of `train`; min_snr: least amplitude in its approximate standard errors.
+    Returns range, sigma [m], valid (row, col). sigma is learned as well (a regression of the logarithm of the error,
+    calibrated on captures held out), and at least σ_R·F/√N, that of a centroid of the N photoelectrons of the echo without
+    background.
+    Invalid: pixels beyond the training data (more excess noise, fewer or more photoelectrons, more background; the weights
+    hold the limits), slices farther apart than the points of f, clipped or NaN samples, no echo, a stated error above the
+    width of R. Raises InputError for weights that cannot be used.
     """
     if min_snr < 0:
-        raise InputError("min_snr must not be negative", where="learned", value=min_snr, allowed=">= 0")
+        raise InputError(
+            "The least signal must not be negative.", where="learned[min_snr]", value=min_snr, allowed=">= 0"
+        )
     w = read_weights(weights)
     stack = read_stack(capture)
     shape = stack.counts.shape[1:]
     value, error = np.full(shape, np.nan), np.full(shape, np.nan)
-    # A tube of more noise than any that was trained on, and points of the profile without a slice of their own: the
-    # features do not show either, the rig does.
+    # The features show neither a tube noisier than those of the training nor slices wider apart than the points of the
+    # profile: the rig does.
     if stack.signal < 5 or stack.instrument.excess > 1.001 * w.excess or not resolved(stack):
         return range_result(value, error, np.zeros(shape, dtype=bool))
     features, guess, width, ok, light = features_of(stack, min_snr)

@@ -34,11 +34,11 @@ def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> 
 
     Exact for a Gaussian response without noise: t₀ + ½(a²U − b²D)/(−aU − bD), U = ln y₊/y₀ at t₀+b, D = ln y₋/y₀ at t₀−a
     (for even steps ½·step·(ln y₋ − ln y₊)/(ln y₋ − 2 ln y₀ + ln y₊)). (The source is cited from memory.)
-    Other arguments: background: "outside" subtracts the mean of the slices beyond R's reach, "none" nothing: a level
-    left in flattens the logarithm's curvature.
-    Returns range, sigma [m], valid (row, col). sigma is the root mean square error at the pixel's amplitude, level and
-    place in the step, as in `parabola`. Invalid: maximum at an end, a sample not above the background, clipped or NaN
-    samples, no curvature.
+    Other arguments: background: "outside" subtracts the mean of the slices that R does not reach, "none" nothing: a level
+    that is left flattens the curvature of the logarithm.
+    Returns range, sigma [m], valid (row, col). sigma is the root mean square error at the amplitude, the level and the
+    place in the step of the pixel, as in `parabola`. Invalid: maximum at an end, a sample not above the background, clipped
+    or NaN samples, no curvature.
     """
     stack = read_stack(capture)
     rig = stack.instrument

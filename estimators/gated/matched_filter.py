@@ -103,10 +103,10 @@ def _norms(design: Design, stack: Stack) -> tuple[np.ndarray, np.ndarray]:  # ty
 def matched_filter(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     """τ = argmax of Σ_k y_k·w_k(τ), w = (v − v̄)/|v − v̄|, v_k = R(τ − t_k): the response with its mean projected out.
 
-    It is least squares with equal weights over amplitude and background: optimal where the noise is the same in all
-    slices, and less so for photon noise. Scores are taken every σ_R/8 and the greatest is refined by a parabola.
+    This is least squares with equal weights over amplitude and background: optimal for equal noise in all slices, less so
+    for photon noise. Scores are computed every σ_R/8, and the greatest is refined by a parabola.
     Other arguments: min_snr: least score in its standard errors. Returns range, sigma [m], valid (row, col): sigma by
-    propagation of the photon noise of the fitted profile. Invalid: a clipped or NaN sample, no maximum well inside.
+    propagation of the photon noise of the fitted profile. Invalid: a clipped or NaN sample, no maximum inside the window.
     """
     stack = read_stack(capture)
     rig = stack.instrument

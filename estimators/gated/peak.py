@@ -21,8 +21,8 @@ def peak(capture: xr.Dataset, *, saturated: Literal["refuse", "use"] = "refuse")
 
     Main arguments: a gated capture, counts (slice, row, col).
     Other arguments: saturated: "refuse" makes pixels with a clipped sample invalid, "use" reads them.
-    Returns range, sigma [m] and valid (row, col). sigma² = step²/12 + w²/5, w: half the width over which R stays
-    within √2 standard deviations of the brightest sample's noise. Invalid: all slices equal, no light, NaN.
+    Returns range, sigma [m] and valid (row, col). sigma² = step²/12 + w²/5, w: half the width over which R stays within √2
+    standard deviations of the noise of the brightest sample. Invalid: all slices equal, no light, NaN.
     """
     stack = read_stack(capture)
     found = brightest(stack)

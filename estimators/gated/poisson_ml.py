@@ -28,9 +28,9 @@ _Out = tuple[Float, Float, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]
 
 @kernel(error_model="numpy")
 def _usable(counts, slices, group, row, col, e, s, levels, whole, z, share, held):  # type: ignore[no-untyped-def]
-    """z, share: sums of one pixel's unclipped, finite samples per group, and the part of the group that they are;
-    whole: sums with the clipped samples too, missing ones made up for, good enough for a start; held: the clipped ones,
-    as `fit_careful` takes them. Returns how many groups have unclipped samples."""
+    """Sums of the samples of one pixel per group. z, share: the sum of the unclipped, finite samples, and the part of the
+    group that they are; whole: the sum with the clipped samples too, scaled up for missing ones, for the start of a fit;
+    held: the clipped samples, as `fit_careful` takes them. Returns the number of groups that have unclipped samples."""
     offset, scale, saturation = levels
     clipped, clip, e_one, s_one, part = held
     number = np.zeros(z.size)
@@ -57,7 +57,7 @@ def _usable(counts, slices, group, row, col, e, s, levels, whole, z, share, held
         share[g] /= number[g]
         part[g] = 1 / number[g]
         e_one[g], s_one[g] = e[g] * part[g], s[g] * part[g]
-        # Half a DN for rounding; half an electron: the least whole number of them is what P(Y >= clip) is of.
+        # Half a DN for rounding; half an electron, since P(Y >= clip) is that of a whole number of them.
         clip[g] = max((saturation - 0.5 - offset) * scale + s_one[g] + 0.5, 1.0)
         if share[g] > 0:
             good += 1
@@ -138,7 +138,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                         done = done and plausible(zs, e * share, s * share, share, held, table, x, a, b)
                         if done or turn == 1:
                             break
-                        # A stray one: what is left may tell the range without it.
+                        # A stray clipped sample: the others may give the range without it.
                         leave_out(y, share, held[0])
                 if done and a > snr * np.sqrt(var_a) and var_x < width * width and low < x < high:
                     tau[row, col] = units[0] + units[1] * x
@@ -150,7 +150,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
 def _fit_flat_rows(  # type: ignore[no-untyped-def]
     counts, slices, group, e, s, levels, table, first, last, bounds, candidates, box, mean, norm, snr, units, tau, sigma, ok
 ):  # fmt: skip
-    """As `_fit_rows`, for responses with corners: the middle of the likelihood's top, of every pixel."""
+    """As `_fit_rows`, for responses with corners: the middle of the top of the likelihood, for every pixel."""
     low, high, width, floor = bounds
     groups = e.size
     whole, z, zs = np.empty(groups), np.empty(groups), np.empty(groups)
@@ -190,21 +190,24 @@ def _fit_flat_rows(  # type: ignore[no-untyped-def]
 def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     """Maximum likelihood of μ_k = A·R(τ−t_k) + B over (τ, A, B), Poisson counts, R from the declared samples.
 
-    With y = (counts − offset)/gain in photoelectrons, read noise σ_r (and the ADC's 1/12 DN²) enters by the shifted
-    Poisson approximation y + σ_r² ~ Poisson(μ + σ_r²), which matches mean and variance; an intensifier's excess noise
-    F² by scaling, y/F² ~ Poisson(μ/F²), which matches them too. Of clipped samples the likelihood holds that they
-    reached the clip (`poisson_clipped`), NaN ones are left out; laser-off slices give background. B is bounded by
-    −σ_r²/2. Start: matched filter on a grid of ¾ σ_R, background projected out; then Fisher scoring; pixels with clipped
-    samples, or that do not settle in some ten steps, are done with step halving on the likelihood, and are invalid where
-    light and clips contradict each other (one bright slice among dark ones) and the rest tells no range either.
-    Stacks of even delays go through tiles of pixels in single precision (`even_fit`), others one pixel at a time. Where R
-    has corners (rectangular pulse and gate) the likelihood's top may be flat: its middle is taken (`poisson_flat`).
-    Other arguments: min_snr: least A in its standard errors, below which no echo is claimed.
+    With y = (counts − offset)/gain in photoelectrons, read noise σ_r (and the 1/12 DN² of the ADC) enters by the shifted
+    Poisson approximation y + σ_r² ~ Poisson(μ + σ_r²), which matches mean and variance; the excess noise F² of an
+    intensifier by scaling, y/F² ~ Poisson(μ/F²), which matches them too. Of a clipped sample the likelihood takes the
+    probability that it reaches the clip (`poisson_clipped`); NaN samples are left out; laser-off slices give background.
+    B is bounded by −σ_r²/2. Start: matched filter on a grid of ¾ σ_R, background projected out; then Fisher scoring.
+    Pixels that have clipped samples, or do not settle in some ten steps, are fitted with step halving on the likelihood;
+    they are invalid where light and clips contradict each other (one bright slice among dark ones) and the other samples
+    give no range either. Stacks of even delays are fitted in tiles of pixels in single precision (`even_fit`), others one
+    pixel at a time. Where R has corners (rectangular pulse and gate) the top of the likelihood may be flat, and its middle
+    is the answer (`poisson_flat`).
+    Other arguments: min_snr: least A in its standard errors; a weaker echo is not answered.
     Returns range, sigma [m] from the Fisher information with A and B profiled, valid (row, col): converged, at least
-    a quarter of the echo inside the window, sigma below R's own width. Raises InputError for min_snr < 0.
+    a quarter of the echo inside the window, sigma below the width of R. Raises InputError for min_snr < 0.
     """
     if min_snr < 0:
-        raise InputError("min_snr must not be negative", where="poisson-ml", value=min_snr, allowed=">= 0")
+        raise InputError(
+            "The least signal must not be negative.", where="poisson-ml[min_snr]", value=min_snr, allowed=">= 0"
+        )
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]
@@ -228,7 +231,7 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
         _fit_flat_rows(*common, value, sigma, valid)
     else:
         _fit_smooth(stack, levels, shift, floor, min_snr, factor, (value, sigma, valid, again))
-        # Also where no pixel needs it: what is compiled does not depend on the data, so a warm-up is one.
+        # Also where no pixel needs it: a warm-up must compile the same kernels for all data.
         _fit_rows(*common, value, sigma, valid, again)
     if direct:
         valid &= value > 0
@@ -241,7 +244,7 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
 def _fit_smooth(
     stack: Stack, levels: tuple[float, ...], shift: Float, floor: float, min_snr: float, factor: float, out: _Out
 ) -> None:
-    """Even delays in tiles; `again` (the last of `out`) marks the pixels left to do, all of them for other stacks."""
+    """Fit even delays in tiles; `again` (the last of `out`) marks the pixels that are left, all of them for other stacks."""
     value, sigma, valid, again = out
     even = even_design_of(stack)
     if even is None:
@@ -249,7 +252,7 @@ def _fit_smooth(
         return
     order = np.empty(stack.signal, dtype=np.int64)
     order[stack.group] = stack.slices
-    # One path for any layout of the array: another one would settle within its tolerance, but not on the same bits.
+    # One path for any memory layout: another one would settle within its tolerance, but not on the same bits.
     flat = np.ascontiguousarray(stack.counts).reshape(stack.counts.shape[0], -1)
     fit_even(
         flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]), even.table, even.phases, even.xi,

@@ -1,4 +1,4 @@
-"""Poisson maximum likelihood with the water's own echo in the model."""
+"""Poisson maximum likelihood with the backscatter of the water in the model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def backscatter_template(
     middle = max(float(r[rows // 2]), nearest_m)
     decay = np.where(r >= nearest_m, np.exp(-2 * attenuation_per_m * (far - middle)) * (middle / far) ** 2, 0.0)
     value = design.table[:, 0, :] * decay[:, None]
-    # Half of the own row: the trapezoidal rule, so that the template is smooth between rows.
+    # Half of the row itself: the trapezoidal rule, so that the template is smooth between rows.
     return np.cumsum(value, axis=0) - 0.5 * value, decay
 
 
@@ -56,7 +56,7 @@ def _fit_rows(counts, slices, group, e, s, levels, table, below, decay, grid, bo
                 for g in range(groups):
                     rough[g] = max(z[c, g], 0.0) + s[g] + 1.0
                     zs[g] = z[c, g] + rough[g]
-                # The start: at each place of a grid, weighted least squares of (B, C, A); the most significant A wins.
+                # The start: weighted least squares of (B, C, A) at each place of a grid; the most significant A is taken.
                 best = 0.0
                 for i in range(grid.size):
                     j = grid[i]
@@ -89,18 +89,20 @@ def poisson_ml_backscatter(
     """Maximum likelihood of μ_k = A·R(τ−t_k) + C·b_k(τ) + B over (τ, A, C, B), all profiled; C ≥ 0, B ≥ −σ_r²/2.
 
     b_k(τ) = ∫_{τ₀}^{τ} e^(−2cr)/r²·R(τ'−t_k) dτ', r = cτ'/2n_g: the coaxial single scatter of the declared medium, c = a + b,
-    up to the surface, which ends it (so that the step of the ramp tells of the surface, too). Its strength C is fitted
-    per pixel; its shape is declared. Noise as in `poisson-ml`. Where no light scatters, C costs a little precision.
+    up to the surface, which ends it (so that the end of the backscatter also depends on the range). Its strength C is
+    fitted per pixel; its shape is declared. Noise as in `poisson-ml`. Where no light scatters, C costs a little precision.
     Other arguments: min_snr: least A in its standard errors; nearest_m: water nearer than this is not lit or not seen
-    (bistatic overlap); attenuation_per_m: c of the template where the declared one is not wanted.
+    (bistatic overlap); attenuation_per_m: c of the template in place of the declared one.
     Returns range, sigma [m] from the Fisher information, valid (row, col): converged, a quarter of the echo inside the
-    window, no clipped or NaN sample. Raises InputError for min_snr, nearest_m, attenuation_per_m out of range.
+    window, no clipped or NaN sample. Raises InputError for min_snr, nearest_m, attenuation_per_m out of range, and for a
+    rig that lacks a value.
     """
     if min_snr < 0 or nearest_m <= 0 or (attenuation_per_m is not None and attenuation_per_m < 0):
         value = (min_snr, nearest_m, attenuation_per_m)
         raise InputError(
-            "parameters out of range", where="poisson-ml-backscatter", value=value, allowed=">= 0, > 0, >= 0"
-        )
+            "A parameter is out of range.", where="poisson-ml-backscatter[min_snr, nearest_m, attenuation_per_m]",
+            value=value, allowed=">= 0, > 0, >= 0",
+        )  # fmt: skip
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]
@@ -108,8 +110,8 @@ def poisson_ml_backscatter(
     if stack.signal < 5:
         return range_result(tau, sigma, ok)
     design = design_of(stack)
-    medium = rig.rig["medium"]
-    declared = float(medium["absorption_per_m"]) + float(medium["scattering_per_m"])
+    absorption = rig.rig.number("medium.absorption_per_m", least=0)
+    declared = absorption + rig.rig.number("medium.scattering_per_m", least=0)
     c = declared if attenuation_per_m is None else attenuation_per_m
     below, decay = backscatter_template(rig, design, nearest_m, c)
     shift = stack.count * rig.floor_var / rig.excess**2

@@ -1,4 +1,4 @@
-"""Poisson maximum likelihood of one or two echoes per pixel, with a likelihood-ratio test of how many there are."""
+"""Poisson maximum likelihood of one or two echoes per pixel; a likelihood-ratio test decides how many there are."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["poisson_ml_two_returns"]
 
 @kernel(error_model="numpy")
 def _second(zs, table, candidates, mean):  # type: ignore[no-untyped-def]
-    """The place where one more echo explains most: (x, A, score in its standard errors), from the first fit's mean."""
+    """The place at which one more echo explains most, given the mean of the first fit: (x, A, score in its standard errors)."""
     place, amplitude, top = 0.0, 0.0, 0.0
     for i in range(candidates.size):
         j = candidates[i]
@@ -78,7 +78,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                     pearson += (zs[g] - level[g]) ** 2 / level[g]
                 place, light, t = _second(zs, table, candidates, level)
                 better = -np.inf
-                # A fit that leaves nothing over is not tried again with more.
+                # Where the fit explains the data, no second echo is tried.
                 if not single or t > 2.5 or pearson > groups + 2 * np.sqrt(2.0 * groups):
                     for attempt in range(2):
                         if attempt == 0:
@@ -86,7 +86,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                                 continue
                             two[2], two[3], two[4], two[5] = one[2], one[3], place, light
                         else:
-                            # One broad echo: two of half the height on either side of it.
+                            # One broad echo: two of half its height, one on either side.
                             two[2], two[4] = one[2] - 0.8 * width, one[2] + 0.8 * width
                             two[3], two[5] = 0.6 * one[3], 0.6 * one[3]
                         if two[2] > two[4]:
@@ -116,19 +116,22 @@ def poisson_ml_two_returns(
     capture: xr.Dataset, *, pick: Literal["first", "last", "brightest"] = "brightest", min_gain: float = 20.0,
     min_snr: float = 4.0,
 ) -> xr.Dataset:  # fmt: skip
-    """Maximum likelihood of μ_k = Σ_i A_i·R(τ_i−t_k) + B with one echo, or with two where the data ask for them.
+    """Maximum likelihood of μ_k = Σ_i A_i·R(τ_i−t_k) + B with one echo, or with two where the data require it.
 
-    Two are taken where 2·ln(L₂/L₁) > min_gain and both amplitudes exceed 3 of their standard errors. The second echo is
-    sought over the whole window, so its gain is not a χ² of 2; with some 40 resolvable places, 20 is exceeded by chance in
-    fewer than 1 of 1,000 pixels (measured: 2 of 48,000 at 10⁴ photoelectrons). The method of the source is Bayesian, by
-    reversible jumps; the likelihood-ratio test is ours. Noise as in `poisson-ml`.
-    Other arguments: pick: which echo's range is returned; min_gain; min_snr: least A in its standard errors.
+    Two echoes are taken where 2·ln(L₂/L₁) > min_gain and both amplitudes exceed 3 of their standard errors. The second echo
+    is searched for over the whole window, so that its gain is not χ² with 2 degrees of freedom; with some 40 resolvable
+    places, a gain of 20 occurs by chance in fewer than 1 of 1,000 pixels (measured: 2 of 48,000 at 10⁴ photoelectrons). The
+    method of the source is Bayesian, by reversible jumps; the likelihood-ratio test replaces it here. Noise as in
+    `poisson-ml`.
+    Other arguments: pick: the echo whose range is returned; min_gain; min_snr: least A in its standard errors.
     Returns range, sigma [m] from the Fisher information of the chosen model, valid (row, col). Invalid: not settled, a
     clipped or NaN sample. Raises InputError for negative min_gain or min_snr.
     """
     if min_gain < 0 or min_snr < 0:
-        value = (min_gain, min_snr)
-        raise InputError("must not be negative", where="poisson-ml-two-returns", value=value, allowed=">= 0")
+        raise InputError(
+            "A parameter is negative.", where="poisson-ml-two-returns[min_gain, min_snr]", value=(min_gain, min_snr),
+            allowed=">= 0",
+        )  # fmt: skip
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]

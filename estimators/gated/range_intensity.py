@@ -1,4 +1,4 @@
-"""Range-intensity correlation: the ratio of two overlapping slices is a clock."""
+"""Range-intensity correlation: the range from the ratio of two overlapping slices."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Float = npt.NDArray[np.float64]
 
 
 def _clock(response: Response, gap_s: float) -> tuple[Float, Float]:
-    """(share, u): share(u) = R(u)/(R(u) + R(u + gap)) on the falling side of the pair where both slices see the echo.
+    """(share, u): share(u) = R(u)/(R(u) + R(u + gap)), the part of the later slice, where both slices see the echo.
 
-    u = τ − t_late; the early slice, opened gap earlier, sees R(u + gap). Only the longest stretch over which the share
-    rises with u and both values exceed 1 % of the peak is kept.
+    u = τ − t_late; the early slice, which opens by gap earlier, sees R(u + gap). The longest interval is kept over which
+    the share rises with u and both values exceed 1 % of the peak.
     """
     u = np.linspace(response.lo_s - gap_s, response.hi_s, 4097)
     late, early = response(u)[0], response(u + gap_s)[0]
@@ -46,14 +46,14 @@ def range_intensity_correlation(
 ) -> xr.Dataset:
     """τ from q = y_late/(y_early + y_late) of two slices one response width apart: q(τ) = R(τ−t_l)/(R(τ−t_e) + R(τ−t_l)).
 
-    The curve is that of the declared samples, so triangular profiles (pulse as long as the gate: both slices on a slope)
-    and trapezoidal ones (one on the plateau) are read alike. Of all pairs of the stack, a pixel's brightest is used; the
-    rest of the stack is used for the background only.
-    Other arguments: slices_apart: distance of the two slices in the order of delay (null: the nearest to R's area over
-    its peak, its full width at half height); background: "outside" subtracts the mean of the slices beyond R's reach,
-    "none" nothing; min_snr: least sum of the pair in its standard errors.
-    Returns range, sigma [m] by propagation of both samples' noise, valid (row, col). Invalid: q beyond the curve's rise,
-    a clipped or NaN sample.
+    The curve q(τ) is that of the declared samples, for triangular profiles (pulse as long as the gate: both slices on a
+    slope) and for trapezoidal ones (one slice on the plateau). A pixel uses its brightest pair of slices; the other slices
+    serve for the background only.
+    Other arguments: slices_apart: distance of the two slices in the order of delay (null: the one nearest to the area of R
+    over its peak); background: "outside" subtracts the mean of the slices that R does not reach, "none" nothing; min_snr:
+    least sum of the pair in its standard errors.
+    Returns range, sigma [m] by propagation of the noise of both samples, valid (row, col). Invalid: q outside the rise of
+    the curve, a clipped or NaN sample.
     """
     stack = read_stack(capture)
     rig = stack.instrument
@@ -83,11 +83,11 @@ def range_intensity_correlation(
             share = late / light
             spread = np.sqrt(early**2 * noise_l + late**2 * noise_e) / light**2
         for i, (curve, u) in enumerate(curves):
-            mine = which.reshape(-1)[k] == i
+            here = which.reshape(-1)[k] == i
             if curve.size < 3:
                 continue
             inside = (
-                mine & (share > curve[0]) & (share < curve[-1]) & ~bad & (light > min_snr * np.sqrt(noise_e + noise_l))
+                here & (share > curve[0]) & (share < curve[-1]) & ~bad & (light > min_snr * np.sqrt(noise_e + noise_l))
             )
             slope = np.gradient(u, curve)
             tau[rows][inside] = t[k[inside] + apart] + np.interp(share[inside], curve, u)

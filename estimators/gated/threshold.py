@@ -1,4 +1,4 @@
-"""Threshold: the leading edge's crossing of a fixed level, as a counter with a comparator reads it."""
+"""Threshold: the crossing of a fixed level by the leading edge, as a comparator sees it."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ __all__ = ["threshold"]
 def threshold(capture: xr.Dataset, *, level_e: float = 30.0, background: Background = "outside") -> xr.Dataset:
     """τ = t× + u½: t× the delay at which the profile y − B first rises through `level_e`, u½ where R is half its peak.
 
-    The profile over delay rises where a slice begins to see the echo (u = τ − t falling from R's far end). A bright echo
-    crosses a fixed level early: the walk, which this estimator has by nature, is zero only where the level is half the
-    echo's height. (The source, on walk in leading-edge detection, is cited from memory.)
-    Other arguments: level_e [photoelectrons per slice]; background: "outside" subtracts the mean of the slices beyond
-    R's reach from the brightest, "none" nothing.
-    Returns range, sigma [m], valid (row, col). sigma is the interpolated sample's noise over the slope, not the walk.
-    Invalid: no crossing inside the stack, clipped or NaN samples. Raises InputError for level_e <= 0.
+    The profile over delay rises where a slice begins to see the echo (u = τ − t falls from the far end of R). A bright echo
+    crosses a fixed level early: this walk is zero only where the level is half the height of the echo. (The source, on
+    walk in leading-edge detection, is cited from memory.)
+    Other arguments: level_e [photoelectrons per slice]; background: "outside" subtracts the mean of the slices that lie
+    farther from the brightest than R reaches, "none" nothing.
+    Returns range, sigma [m], valid (row, col). sigma is the noise of the interpolated sample over the slope, without the
+    walk. Invalid: no crossing inside the stack, clipped or NaN samples. Raises InputError for level_e <= 0.
     """
     if not level_e > 0:
-        raise InputError("the level must be positive", where="threshold", value=level_e, allowed="> 0")
+        raise InputError("The level must be positive.", where="threshold[level_e]", value=level_e, allowed="> 0")
     stack = read_stack(capture)
     shape = stack.counts.shape[1:]
     tau, sigma, valid = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)

@@ -3,8 +3,8 @@
     beambench generate learned-training -o training
     beambench estimators train --data training --out weights.npz
 
-The data are stores of gated captures with truth; with those of suite `learned-training` and the defaults the result is the
-file that ships. Use other weights as `learned[weights=weights.npz]`.
+The data are stores of gated captures with truth. From the captures of the suite `learned-training`, with the defaults, come
+the weights that ship with the package. Other weights are used as `learned[weights=weights.npz]`.
 """
 
 from __future__ import annotations
@@ -31,22 +31,26 @@ from .tools.stack import read_stack
 __all__ = ["fit", "samples_of", "stores_of", "train"]
 
 Float = npt.NDArray[np.float64]
-#: Errors beyond this many σ_R are another echo's: no answer about a first guess can mend them.
+#: First guesses that err by more than this many σ_R belong to another echo: no correction of the guess can mend them.
 FAR = 1.5
-#: Most pixels taken of one capture, so that a large one does not drown the others.
+#: Most pixels taken from one capture, so that a large one does not outweigh the others.
 MOST = 20_000
-#: E ln|z| of a normal variable, with the sign turned: what separates a mean log error from a log standard error.
+#: −E ln|z| of a normal variable: the difference of the logarithm of a standard error and the mean logarithm of errors.
 LOG_NORMAL = 0.635
-#: Most first guesses that may be another echo's at a photon level and significance that count as learned.
+#: Greatest part of the first guesses at a level of light or significance that may belong to another echo.
 STRAY = 1e-3
 
 
 def samples_of(capture: xr.Dataset, min_snr: float, rng: np.random.Generator) -> tuple[Float, Float, Float]:
-    """(features, answers, echo's photoelectrons) of a capture's unmixed pixels with truth; answer = (τ_true − τ₀)/σ_R."""
+    """(features, answers, photoelectrons of the echo) of the unmixed pixels of a capture that have a truth; answer =
+    (τ_true − τ₀)/σ_R. Raises InputError for a rig that is not coaxial or declares a map of gate delays."""
     stack = read_stack(capture)
     rig = stack.instrument
     if rig.gate_offset() is not None or rig.laser_m.any():
-        raise InputError("training needs a coaxial rig without gate maps", where="attribute rig")
+        raise InputError(
+            "Training needs captures of a coaxial rig without a map of gate delays.",
+            where="attribute rig: laser.position_m, gate_offset_s", allowed="[0, 0, 0], null",
+        )  # fmt: skip
     features, guess, width, ok, light = features_of(stack, min_snr)
     truth = np.asarray(capture["truth_range"].values, dtype=np.float64)
     with np.errstate(invalid="ignore"):
@@ -66,15 +70,15 @@ def _design(features: Float, centre: Float, scale: Float, hidden: Float, bias: F
 
 
 def _sound_from(decades: Float, near: npt.NDArray[np.bool_]) -> float:
-    """The tenth of a decade above which a first guess is another echo's in at most STRAY of the samples: below it the
-    error has tails that a standard error does not tell."""
+    """The tenth of a decade above which at most STRAY of the first guesses belong to another echo: below it the error has
+    tails that a standard error does not describe."""
     tenth = np.floor(10 * decades).astype(np.int64)
     bad = [step for step in np.unique(tenth) if not near[tenth == step].mean() >= 1 - STRAY]
     return (max(bad) + 1) / 10 if bad else float(decades.min())
 
 
 def _held(features: Float, answers: Float, light: Float) -> dict[str, Any]:
-    """What the samples hold, as `Weights` keeps it: the limits outside which nothing was learned."""
+    """The limits of the samples, beyond which nothing was learned, as `Weights` holds them."""
     near = np.abs(answers) < FAR
     low, high = features[near].min(axis=0), features[near].max(axis=0)
     low[SIGNIFICANCE] = _sound_from(features[:, SIGNIFICANCE], near)
@@ -91,7 +95,7 @@ def _ridge(x: Float, y: Float, ridge: float) -> Float:
     if not np.isfinite(found).all():
         raise InputError(
             "These captures do not determine the weights.", where="--ridge", value=ridge, allowed="a ridge above 0",
-            next_step="leave out --ridge: 1e-5 if not given",
+            next_step="leave out --ridge: its default is 1e-5",
         )  # fmt: skip
     return found
 
@@ -99,17 +103,18 @@ def _ridge(x: Float, y: Float, ridge: float) -> Float:
 def fit(
     features: Float, answers: Float, light: Float, *, units: int, ridge: float, seed: int, excess: float = 1.0
 ) -> dict[str, Any]:
-    """Weights from samples, shuffled by seed: ¾ fit the answer, the rest the error and its calibration. Samples whose
-    first guess is another echo's tell only where the learned range begins; excess: the greatest of the samples' rigs.
+    """Weights from samples, shuffled by seed: ¾ of them fit the answer, the others its error and the calibration of it.
 
-    Raises InputError where there are fewer than 10 samples per unit.
+    Samples whose first guess belongs to another echo serve only to find where the learned range begins. excess: the greatest
+    excess noise factor of the rigs. Raises InputError where there are fewer than 10 samples per unit and feature.
     """
     every, near = (features, answers, light), np.abs(answers) < FAR
     features, answers = features[near], answers[near]
     if answers.size < 10 * (units + FEATURES):
         raise InputError(
-            "too few pixels with truth", where="train", value=answers.size, allowed=f"{10 * units} or more"
-        )
+            "There are too few pixels with truth.", where="--data", value=answers.size,
+            allowed=f"{10 * (units + FEATURES)} or more",
+        )  # fmt: skip
     rng = np.random.default_rng([seed, 1])
     order = rng.permutation(answers.size)
     cut = 3 * answers.size // 4
@@ -128,16 +133,16 @@ def fit(
     single = np.float32
     named = ("centre", "scale", "hidden", "bias", "answer", "log_error")
     weights = dict(zip(named, (a.astype(single) for a in (*arrays, answer, log_error)), strict=True))
-    # In double precision: rounded, a limit could leave out the sample that it is taken from.
+    # In double precision: a rounded limit could leave out the sample that it comes from.
     weights |= _held(*every) | {"excess": np.float64(excess)}
     rms = float(np.sqrt(np.mean((value - answers[third]) ** 2)))
     return {**weights, "factor": single(factor), "rms_held_out": single(rms), "rms_first_guess": single(answers.std())}
 
 
 def stores_of(data: Sequence[str | Path]) -> list[Path]:
-    """The stores (*.zarr) that paths name: each a store, or a folder that holds some; a folder's by name.
+    """The stores (*.zarr) that paths name: each a store, or a folder of stores, sorted by name.
 
-    Raises InputError where a path holds none.
+    Raises InputError where a path holds no store.
     """
     found: list[Path] = []
     for given in data:
@@ -145,7 +150,8 @@ def stores_of(data: Sequence[str | Path]) -> list[Path]:
         inside = [path] if (path / "zarr.json").is_file() else sorted(path.glob("*.zarr"))
         if not inside:
             raise InputError(
-                "no captures to train on", where="--data", value=str(given), allowed="a store, or a folder of *.zarr",
+                "The path holds no captures to train on.", where="--data", value=str(given),
+                allowed="a store, or a folder of *.zarr",
                 next_step="beambench generate learned-training -o training",
             )  # fmt: skip
         found += inside
@@ -159,8 +165,8 @@ def train(
     """Train on the captures of all stores in `data` and write the weights to `out` (.npz, below 200 kB).
 
     Equal data and parameters give equal bytes on one machine.
-    Returns the numbers of captures and pixels, the held-out rms error in σ_R, and the first guess's.
-    Raises InputError for unusable data or parameters.
+    Returns the numbers of captures and pixels, the rms error of held-out pixels in σ_R, that of the first guess, and bytes.
+    Raises InputError for data or parameters that cannot be used.
     """
     _check(units, ridge, seed, min_snr)
     stores = stores_of(data)
@@ -183,7 +189,7 @@ def train(
 
 
 def _check(units: int, ridge: float, seed: int, min_snr: float) -> None:
-    """Refuse parameters that train nothing, before any capture is read."""
+    """Refuse parameters out of range before any capture is read."""
 
     def whole(value: object) -> bool:
         return isinstance(value, int) and not isinstance(value, bool)
@@ -207,8 +213,8 @@ def _finite(value: object) -> bool:
 
 
 def _write(path: Path, arrays: Mapping[str, Any]) -> None:
-    """An .npz whose members carry no time of writing, unlike numpy's own. Whole or not at all: what stood there before
-    stays until the new file is on disk."""
+    """Write an .npz whose members carry no time of writing, unlike those of numpy. The file is written whole or not at all:
+    an old one stays until the new one is on disk."""
     whole = io.BytesIO()
     with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
@@ -226,6 +232,6 @@ def _write(path: Path, arrays: Mapping[str, Any]) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise InputError(
-            "The weights cannot be written there.", where=str(path), value=error.strerror or str(error),
+            "The weights cannot be written.", where=str(path), value=error.strerror or str(error),
             next_step="choose another place with --out, or make room",
         ) from error  # fmt: skip

@@ -5,28 +5,44 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
 from ..result import masked_result, range_result
 from .tools.background import from_off_slices, from_outside
 from .tools.moments import average_even, average_general, even_order
-from .tools.stack import read_stack
+from .tools.stack import Stack, read_stack
 
 __all__ = ["weighted_average"]
 
+_Background = Literal["none", "off-slices", "min", "outside"]
+
+
+def _level(stack: Stack, background: _Background) -> tuple[npt.NDArray[np.float64], float]:
+    """(level to subtract [DN], per pixel or one number for all; share of its variance in that of the answer)."""
+    if background == "off-slices":
+        mean, number = from_off_slices(stack)
+        return mean.reshape(-1), 1 / number
+    if background == "outside":
+        mean, numbers = from_outside(stack)
+        # These slices are in the sum as well: with Σ_out (x−t̄) = Σ (x−t̄) the covariance is twice the variance, and
+        # subtracting their mean takes noise away.
+        return mean.reshape(-1), -1 / max(1.0, float(np.median(numbers)))
+    # The least count is found by the pass over the counts.
+    return np.array([stack.instrument.offset_dn]), 1.0 if background == "min" else 0.0
+
 
 @estimator("gated", cites="Busck and Heiselberg, Appl. Opt. 43(24):4705, 2004; Andersson, Opt. Eng. 45(3):034301, 2006")
-def weighted_average(
-    capture: xr.Dataset, *, background: Literal["none", "off-slices", "min", "outside"] = "none"
-) -> xr.Dataset:
+def weighted_average(capture: xr.Dataset, *, background: _Background = "none") -> xr.Dataset:
     """τ = Σ_k (t_k + ū)·y_k / Σ_k y_k, y = counts − offset − background, ū = ∫u·R du/∫R du of the declared samples.
 
-    The slices see R(τ − t_k), so their plain average is τ − ū: adding ū makes it unbiased where the delays cover R
-    fully, are dense against its width, and no background is left.
-    Other arguments: background: "none" subtracts the detector's declared offset only, so that a level B per slice
-    pulls the answer to the window's centre by (t̄−τ)·KB/(S+KB); "off-slices" the mean of the laser-off slices; "min"
-    the pixel's least count (a low level by noise); "outside" the mean of slices beyond R's support from the brightest.
+    Slice k sees R(τ − t_k), so that the plain average over the slices is τ − ū; with ū added it is unbiased where the delays
+    cover R, are dense against its width, and no background is left.
+    Other arguments: background: "none" subtracts the declared offset of the detector only, so that a level B per slice
+    pulls the answer to the centre of the window by (t̄−τ)·KB/(S+KB); "off-slices" subtracts the mean of the laser-off
+    slices, "min" the least count of the pixel (which noise makes too low), "outside" the mean of the slices that lie
+    farther from the brightest than R reaches.
     Returns range, sigma [m] and valid (row, col). sigma propagates the counts' noise (excess noise factor included),
     not the bias above. Invalid: light below 3 standard deviations, a clipped sample, NaN. Raises InputError for
     "off-slices" without such slices.
@@ -34,7 +50,7 @@ def weighted_average(
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]
-    # One allocation for all: fresh pages cost as much as the average itself.
+    # One allocation for all three: new memory pages cost as much as the average itself.
     pixels = shape[0] * shape[1]
     memory = np.empty(13 * pixels, dtype=np.uint8)
     value = memory[: 8 * pixels].view(np.float64)
@@ -44,17 +60,7 @@ def weighted_average(
     if not used.any():
         nothing = np.full(shape, np.nan)
         return range_result(nothing, nothing, np.zeros(shape, dtype=bool))
-    level, share = np.array([rig.offset_dn]), 0.0
-    if background == "off-slices":
-        mean, number = from_off_slices(stack)
-        level, share = mean.reshape(-1), 1 / number
-    elif background == "outside":
-        mean, numbers = from_outside(stack)
-        # These slices are in the sum as well: with Σ_out (x−t̄) = Σ (x−t̄) the covariance is twice the variance, and
-        # subtracting their mean takes noise away.
-        level, share = mean.reshape(-1), -1 / max(1.0, float(np.median(numbers)))
-    elif background == "min":
-        share = 1.0
+    level, share = _level(stack, background)
     direct = rig.gate_offset() is None and not rig.laser_m.any()
     factor = rig.m_per_s if direct else 1.0
     group, centroid = stack.group[used], stack.centroid_delay_s

@@ -1,4 +1,4 @@
-"""Weighted average of a waveform, plain and after Coates's correction of pile-up."""
+"""Weighted average of a waveform, without and with the pile-up correction of Coates."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Float = npt.NDArray[np.float64]
 def _centroid(
     record: WaveformRecord, z: Float, variance: Float, level: Float, level_var: Float, reach: float, min_snr: float
 ) -> xr.Dataset:
-    """Centroid of z − level over the samples within `reach` σ_R of the brightest one (all of them where it is 0)."""
+    """Centroid of z − level over the samples within `reach` σ_R of the brightest one; over all samples where it is 0."""
     seen = np.where(record.good, z, -np.inf)
     top = record.time_s[np.argmax(seen, axis=1)]
     use = record.good & np.isfinite(z)
     low = np.full(len(z), record.time_s[0])
     if reach > 0:
-        # Twice: the brightest sample is noisy, the first centroid is not.
+        # In two rounds: the brightest sample is noisy, the first centroid is less so.
         use = use & (np.abs(record.time_s - top[:, None]) <= reach * record.width_s)
         y = np.where(use, z - level[:, None], 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -54,11 +54,14 @@ def _centroid(
 
 def _check(reach: float, min_snr: float, where: str) -> None:
     if reach < 0 or min_snr < 0:
-        raise InputError("reach and min_snr must not be negative", where=where, value=(reach, min_snr), allowed=">= 0")
+        raise InputError(
+            "A parameter is negative.", where=f"{where}[reach, min_snr]", value=(reach, min_snr), allowed=">= 0"
+        )
 
 
 @estimator(
-    "waveform", cites="Guo et al., Figure 7 (weighted average of a photodetector's pulse); Busck and Heiselberg 2004"
+    "waveform",
+    cites="Guo et al. 2017, Figure 7 (weighted average of a photodetector's pulse); Busck and Heiselberg 2004",
 )
 def waveform_average(
     capture: xr.Dataset,
@@ -67,12 +70,13 @@ def waveform_average(
     reach: float = 3.0,
     min_snr: float = 4.0,
 ) -> xr.Dataset:
-    """τ = Σ t_k y_k/Σ y_k − lag of the response's centroid, y = z − background.
+    """τ = Σ t_k y_k/Σ y_k − lag of the centroid of the response, y = z − background.
 
-    Other arguments: background: mean of the samples that the echo cannot reach, or none, which pulls the answer to the
-    window's middle. reach: half width of the window about the echo in σ of the response; 0 is the whole record.
-    min_snr: least Σ y in its standard errors. Pile-up of single-photon counts pulls the answer to early times.
-    Returns range, sigma [m] and valid (shot).
+    Other arguments: background: "outside" is the mean of the samples that the echo cannot reach; "none" subtracts nothing,
+    which pulls the answer to the middle of the window. reach: half width of the window about the echo in σ of the
+    response; 0 takes the whole record. min_snr: least Σ y in its standard errors. Pile-up of single-photon counts pulls
+    the answer to early times.
+    Returns range, sigma [m] and valid (shot). Raises InputError for negative parameters.
     """
     _check(reach, min_snr, "waveform-average")
     record = read_record(capture)
@@ -91,15 +95,15 @@ def waveform_average(
 def waveform_coates(capture: xr.Dataset, *, reach: float = 3.0, min_snr: float = 4.0) -> xr.Dataset:
     """Weighted average of the rates λ̂_k = −ln(1 − n_k/live_k) of a single-photon histogram.
 
-    live_k are the pulses not blinded by an earlier count. Other arguments: as `waveform-average`. Bins where no pulse
-    is live are left out. Returns range, sigma [m] and valid (shot). Raises InputError for analog captures, which have no
-    pile-up: the method says nothing of them.
+    live_k is the number of pulses that no earlier count has blinded; bins without such a pulse are left out. Other
+    arguments: as `waveform-average`. Returns range, sigma [m] and valid (shot). Raises InputError for analog captures:
+    they have no pile-up, and the method does not apply to them.
     """
     _check(reach, min_snr, "waveform-coates")
     record = read_record(capture)
     if not record.single_photon:
         raise InputError(
-            "an analog capture has no pile-up to correct", where="attribute rig: detector.readout.kind",
+            "An analog capture has no pile-up to correct.", where="attribute rig: detector.readout.kind",
             value="analog", allowed="single-photon", next_step="waveform-average",
         )  # fmt: skip
     rate, variance = coates_rate(record.z, record.pulses, record.dead)

@@ -1,4 +1,4 @@
-"""Timing by an edge: fixed threshold (leading edge), the counter that it stops, and constant fraction."""
+"""Timing by an edge: a fixed threshold (leading edge), the counter that it stops, and a constant fraction."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class _Crossing:
-    """First upward crossing of a level: its time, s; found."""
+    """First upward crossing of a level (shot): its time, s, and whether there is one between good samples."""
 
     time_s: Float
     found: Bool
 
 
 def _crossing(record: WaveformRecord, level: Float) -> _Crossing:
-    """Straight line between the two samples around each shot's `level`, at the first crossing."""
+    """First crossing of `level` (shot) by straight lines between the samples."""
     z = record.z
     up = (z[:, :-1] < level[:, None]) & (z[:, 1:] >= level[:, None])
     at = np.argmax(up, axis=1)
@@ -45,8 +45,8 @@ def _crossing(record: WaveformRecord, level: Float) -> _Crossing:
 
 
 def rise_lag(record: WaveformRecord, fraction: Float, smooth: int = 1) -> Float:
-    """Time after the echo's own at which its sampled template, averaged over `smooth` samples, first reaches `fraction`
-    (any shape, 0 … 1) of its top, s."""
+    """Lag [s] behind the echo at which its sampled template, averaged over `smooth` samples, first reaches `fraction`
+    (any shape, 0 … 1) of its top."""
     share = record.share
     pad = 0.5 * (smooth + 1) * record.step_s
     u = np.arange(share.start_s - pad, share.start_s + share.step_s * share.value.size + pad, share.step_s)
@@ -63,18 +63,19 @@ def rise_lag(record: WaveformRecord, fraction: Float, smooth: int = 1) -> Float:
 
 
 def _threshold(record: WaveformRecord, threshold_sigma: float, where: str) -> Float:
-    """A fixed level above each shot's background: `threshold_sigma` of the background's own noise."""
+    """A level above the background of each shot: `threshold_sigma` standard deviations of the noise of the background."""
     if threshold_sigma <= 0:
-        raise InputError("threshold_sigma must be positive", where=where, value=threshold_sigma, allowed="> 0")
+        raise InputError("The threshold must be positive.", where=f"{where}[threshold_sigma]", value=threshold_sigma,
+                         allowed="> 0")  # fmt: skip
     level, _ = record.outside()
-    # A record without any noise floor still needs one count to cross.
+    # In a record without noise of its own, one count must still cross the level.
     return np.asarray(level + threshold_sigma * np.sqrt(np.maximum(record.variance(level), 0.25)))
 
 
 def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str) -> tuple[Float, Float, Bool]:
-    """(time of the crossing with its lag behind the echo taken off, its standard error, found), each (shot).
+    """(time of the crossing less its lag behind the echo [s], its standard error, whether there is one), each (shot).
 
-    Along the line between two samples the mean of (1−f)² + f² is 2/3 of one sample's variance.
+    On the line between two samples the mean of (1−f)² + f² is 2/3: so much of the variance of one sample is left.
     """
     base, _ = record.outside()
     level = _threshold(record, threshold_sigma, where)
@@ -84,7 +85,7 @@ def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str)
     fraction = np.full(len(level), 0.5)
     if walk == "median" and crossing.found.any():
         fraction = np.full(len(level), np.median(part[crossing.found]))
-    # The edge's slope from the response: that of two noisy samples is steepest where noise made it cross.
+    # The slope comes from the response: between two noisy samples it is steepest where noise made them cross.
     sigma = np.sqrt(2 / 3 * record.variance(level)) / (height * _edge_slope(record, part, 1))
     return crossing.time_s - rise_lag(record, fraction), sigma, crossing.found & record.usable
 
@@ -96,20 +97,22 @@ def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str)
 def waveform_leading_edge(
     capture: xr.Dataset, *, threshold_sigma: float = 8.0, walk: Literal["median", "none"] = "median"
 ) -> xr.Dataset:
-    """First crossing of a fixed threshold, less the response's lag there.
+    """τ = first crossing of a fixed threshold, less the lag of the response there.
 
     A brighter echo crosses earlier (walk). Other arguments: threshold_sigma: the threshold above the background, in
-    standard deviations of its noise. walk: "median" takes the lag at the median height of the capture's echoes, as an
-    instrument set up on its own targets would, so that the walk of echoes that differ from it is left; "none" takes the
-    lag at half height. sigma tells the noise only.
-    Returns range, sigma [m] and valid (shot). Invalid: no crossing, a clipped sample at it.
+    standard deviations of its noise. walk: "median" subtracts the lag at the median height of the echoes of the capture,
+    as an instrument that was adjusted on its own targets does, so that echoes of another height keep their walk; "none"
+    subtracts the lag at half height. sigma is that of the noise, without the walk.
+    Returns range, sigma [m] and valid (shot). Invalid: no crossing, or a clipped sample at the crossing.
     """
     record = read_record(capture)
     tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-leading-edge")
     return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
-@estimator("waveform", cites="Kusters 1992, Figure 2.2 and Eq. 2.3 (an oscillator counted while the pulse is away)")
+@estimator(
+    "waveform", cites="Kusters 1992, Figure 2.2 and Eq. 2.3 (cycles of an oscillator, counted while the pulse travels)"
+)
 def waveform_counter(
     capture: xr.Dataset,
     *,
@@ -119,15 +122,15 @@ def waveform_counter(
 ) -> xr.Dataset:
     """The leading edge stops a counter: n = floor(f t) cycles, D = v t/2 with t = (n + ½)/f (Eq. 2.3).
 
-    The error of counting is even over ±v/4f, rms v/(2f√12), beside the edge's noise and walk.
-    Other arguments: counter_hz: f; by default the rig's. The others: as `waveform-leading-edge`.
-    Returns range, sigma [m] and valid (shot). Raises InputError where there is no counter.
+    The error of counting is uniform over ±v/4f, rms v/(2f√12); noise and walk of the edge come on top.
+    Other arguments: counter_hz: f, by default that of the rig. The others: as `waveform-leading-edge`.
+    Returns range, sigma [m] and valid (shot). Raises InputError where the frequency of the counter is not given.
     """
     record = read_record(capture)
     hertz = record.counter_hz if counter_hz is None else counter_hz
     if hertz is None or not hertz > 0:
         raise InputError(
-            "the rig has no counter", where="waveform-counter", value=hertz, allowed="counter_hz above 0",
+            "The rig has no counter.", where="waveform-counter", value=hertz, allowed="counter_hz above 0",
             next_step="waveform-counter[counter_hz=1e9], or set rig.counter_hz of the scene",
         )  # fmt: skip
     tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-counter")
@@ -141,17 +144,17 @@ def waveform_counter(
 def waveform_constant_fraction(
     capture: xr.Dataset, *, fraction: float = 0.5, smooth: float = 0.5, min_snr: float = 4.0
 ) -> xr.Dataset:
-    """Last crossing of a fraction of the echo's own height before its top, less the response's lag at that fraction.
+    """τ = last crossing of a fraction of the height of the echo before its top, less the lag of the response there.
 
-    Free of walk, since the level follows the height (parabola through the three highest samples). The record is
-    smoothed first, as the comparator's bandwidth would: otherwise noise crosses the level many times.
-    Other arguments: fraction: 0.05 … 0.95. smooth: length of the moving average in σ of the response. min_snr: least
-    height in standard deviations of the noise at the top.
-    Returns range, sigma [m] and valid (shot).
+    There is no walk, since the level follows the height (a parabola through the three highest samples). The record is
+    smoothed first, as the bandwidth of a comparator does: otherwise noise crosses the level many times.
+    Other arguments: fraction: 0.05 … 0.95. smooth: length of the moving average in σ of the response, 0 … 4. min_snr:
+    least height in standard deviations of the noise at the top.
+    Returns range, sigma [m] and valid (shot). Raises InputError for parameters out of range.
     """
     if not 0.05 <= fraction <= 0.95 or not 0 <= smooth <= 4:
         raise InputError(
-            "out of range", where="waveform-constant-fraction", value=(fraction, smooth),
+            "A parameter is out of range.", where="waveform-constant-fraction[fraction, smooth]", value=(fraction, smooth),
             allowed="fraction .05 … .95, smooth 0 … 4",
         )  # fmt: skip
     record = read_record(capture)
@@ -173,24 +176,24 @@ def waveform_constant_fraction(
         found &= sound[rows, top] & sound[rows, at] & sound[rows, at + 1]
         rise = z[rows, at + 1] - z[rows, at]
         f = (level - z[rows, at]) / rise
-        # Averages over neighbours share all but one sample each: the line between them has the noise of one average.
+        # Neighbouring averages share all samples but one: the line between them has the noise of one average.
         share = (1 - f) ** 2 + f**2 if length == 1 else 1.0
         own = share * record.variance(level) / length
         shift = fraction**2 * record.variance(mid) / length + (1 - fraction) ** 2 * record.variance(base) / number
-        # The edge's slope from the response: that of two noisy samples would be at its steepest where noise helps.
+        # The slope comes from the response: between two noisy samples it is steepest where noise helps.
         sigma = np.sqrt(own + shift) / ((peak - base) * _edge_slope(record, np.asarray(fraction), length))
     tau = record.time_s[at] + record.step_s * f - rise_lag(record, np.asarray(fraction), length)
     return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
 def _edge_slope(record: WaveformRecord, fraction: Float, length: int) -> Float:
-    """Rise of the template at `fraction` (any shape), in its own height per second."""
+    """Slope of the template at `fraction` (any shape), in heights of the template per second."""
     low, high = 0.95 * fraction, np.minimum(1.05 * fraction, 0.999)
     return np.asarray((high - low) / (rise_lag(record, high, length) - rise_lag(record, low, length)))
 
 
 def _moving_mean(z: Float, length: int) -> Float:
-    """Mean over `length` (odd) samples; the ends repeat the outermost sample."""
+    """Mean over `length` samples, an odd number; the outermost sample is repeated beyond the ends."""
     if length == 1:
         return z
     half = length // 2

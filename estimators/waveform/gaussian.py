@@ -1,4 +1,4 @@
-"""Gaussian fit: the echo as a Gaussian of free width, whatever the response's true form."""
+"""Gaussian fit: the echo as a Gaussian of free width, whatever the true form of the response."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ..fit import scoring
 from ..registry import estimator
 from ..result import range_result
-from .fit import scoring
 from .record import read_record
 from .start import even_weights, grid_start
 
@@ -19,9 +19,9 @@ Float = npt.NDArray[np.float64]
 
 @estimator("waveform", cites="Wagner et al., ISPRS J. Photogramm. 60:100, 2006 (Gaussian decomposition)")
 def waveform_gaussian(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
-    """Least squares of A exp(−(t − t₀)²/2s²) + B over (t₀, s, A, B); τ = t₀ − lag of the response's centroid.
+    """Least squares of A exp(−(t − t₀)²/2s²) + B over (t₀, s, A, B); τ = t₀ − lag of the centroid of the response.
 
-    A tail of the response that the Gaussian cannot follow pulls t₀: that bias shows in the scores.
+    A tail of the response that a Gaussian cannot follow pulls t₀; sigma does not contain this bias.
     Other arguments: min_snr: least A in its standard errors. Returns range, sigma [m] and valid (shot).
     """
     record = read_record(capture)

@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 
 from ...scenes.errors import InputError
+from ..fit import Fit
 from ..registry import estimator
 from ..result import range_result
-from .fit import Fit
 from .record import WaveformRecord, read_record
 from .start import even_weights, fit_echo, likelihood_weights
 
@@ -17,7 +17,9 @@ __all__ = ["waveform_matched", "waveform_ml"]
 
 def _answer(record: WaveformRecord, fit: Fit, min_snr: float, where: str) -> xr.Dataset:
     if min_snr < 0:
-        raise InputError("min_snr must not be negative", where=where, value=min_snr, allowed=">= 0")
+        raise InputError(
+            "The least signal must not be negative.", where=f"{where}[min_snr]", value=min_snr, allowed=">= 0"
+        )
     tau, height = fit.value[:, 0], fit.value[:, 1]
     sigma_tau, sigma_height = np.sqrt(fit.variance[:, 0]), np.sqrt(fit.variance[:, 1])
     low, high = record.window_s
@@ -32,12 +34,13 @@ def _answer(record: WaveformRecord, fit: Fit, min_snr: float, where: str) -> xr.
     cites="Fisher scoring: Osborne, Int. Stat. Rev. 60:99, 1992; read noise: Snyder et al., JOSA A 12:272, 1995",
 )
 def waveform_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
-    """Maximum likelihood of μ_k = A R(τ − t_k) + B over (τ, A, B), R from the declared response's samples.
+    """Maximum likelihood of μ_k = A R(τ − t_k) + B over (τ, A, B), R from the samples of the declared response.
 
-    Analog samples are Poisson with read noise by the shifted Poisson approximation; single-photon histograms have the
-    exact binomial likelihood of their live pulses, so that pile-up is part of the model. Clipped samples are left out.
-    Other arguments: min_snr: least A in its standard errors, below which no echo is claimed.
-    Returns range, sigma [m] (from the Fisher information, A and B profiled) and valid (shot).
+    Analog samples are Poisson distributed with read noise (shifted Poisson approximation); single-photon histograms have
+    the exact binomial likelihood of their live pulses, so that pile-up is part of the model. Clipped samples are left out.
+    Other arguments: min_snr: least A in its standard errors; a weaker echo is not answered.
+    Returns range, sigma [m] (from the Fisher information, A and B profiled) and valid (shot). Raises InputError for a
+    negative min_snr.
     """
     record = read_record(capture)
     return _answer(record, fit_echo(record, likelihood_weights(record)), min_snr, "waveform-ml")
@@ -47,8 +50,8 @@ def waveform_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
 def waveform_matched(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     """Matched filter: the τ that maximises the correlation of the samples with R(τ − t_k), background projected out.
 
-    That is unweighted least squares over (τ, A, B): optimal for white noise of one strength. sigma propagates the
-    samples' own noise through the filter. Arguments and results as `waveform-ml`.
+    This is unweighted least squares over (τ, A, B), optimal for noise of equal strength in all samples. sigma propagates
+    the noise of the samples through the filter. Arguments, result and errors as `waveform-ml`.
     """
     record = read_record(capture)
     return _answer(record, fit_echo(record, even_weights(record)), min_snr, "waveform-matched")

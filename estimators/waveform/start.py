@@ -1,11 +1,11 @@
-"""Where to start, and what to weigh: the matched filter on a grid, and the likelihoods of a waveform's samples."""
+"""Fits of an echo to a waveform: the start by a matched filter on a grid, and the weights of the samples."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from .fit import Fit, Weigh, scoring
+from ..fit import Fit, Weigh, scoring
 from .record import WaveformRecord
 
 __all__ = ["even_weights", "fit_echo", "grid_start", "likelihood_weights"]
@@ -19,8 +19,8 @@ _LEAST = 1e-9
 
 
 def grid_start(record: WaveformRecord) -> Float:
-    """(shot, [τ, A, B]): the grid time whose template, background projected out, gives the largest A/σ_A; NaN where no
-    A is positive. Samples that are not good count as background."""
+    """(shot, [τ, A, B]): the time of a grid at which the template, with the background projected out, gives the largest
+    A/σ_A; NaN where no A is positive. Samples that are not good count as background."""
     low, high = record.window_s
     spacing = min(_SPACING * record.width_s, record.step_s)
     spacing = max(spacing, (high - low) / 4096)
@@ -40,7 +40,7 @@ def grid_start(record: WaveformRecord) -> Float:
 
 
 def even_weights(record: WaveformRecord) -> Weigh:
-    """Least squares: w = 1 on good samples; the samples' variance enters the covariance only."""
+    """Least squares: w = 1 on good samples; the variance of the samples enters the covariance only."""
 
     def weigh(mean: Float, rows: Rows) -> tuple[Float, Float, Float, Float]:
         w = record.good[rows].astype(np.float64)
@@ -51,8 +51,11 @@ def even_weights(record: WaveformRecord) -> Weigh:
 
 
 def likelihood_weights(record: WaveformRecord) -> Weigh:
-    """Analog samples: the shifted Poisson y + s ~ Poisson(μ/F² + s), y = z/F², s = σ²/F⁴, which matches mean and
-    variance (Snyder et al. 1995). Single-photon counts: n ~ Binomial(live, 1 − e^(−μ/M)), exact."""
+    """Weights of the likelihood.
+
+    Analog samples: the shifted Poisson distribution y + s ~ Poisson(μ/F² + s), y = z/F², s = σ²/F⁴, which matches mean
+    and variance (Snyder et al. 1995). Single-photon counts: n ~ Binomial(live, 1 − e^(−μ/M)), exact.
+    """
     if record.live is not None:
         live_all, pulses = record.live, record.pulses
 
@@ -87,7 +90,7 @@ def fit_echo(record: WaveformRecord, weigh: Weigh) -> Fit:
     """(τ, A, B) of μ_k = A R(τ − t_k) + B for every shot, from `grid_start`."""
     start = grid_start(record)
     shots = len(start)
-    # Without read noise no mean is below zero; with it the shifted Poisson stays positive.
+    # Without read noise no mean is below zero; with it the mean of the shifted Poisson distribution stays positive.
     floor = -0.5 * record.floor_var / record.excess if record.floor_var > 0 else _LEAST
     low_s, high_s = record.window_s
     low = np.tile([low_s - record.width_s, 0.0, floor], (shots, 1))

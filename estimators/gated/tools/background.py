@@ -1,4 +1,4 @@
-"""Background level of every pixel, by the ways that `weighted-average` offers."""
+"""Background level of every pixel, from laser-off slices or from slices that the echo cannot reach."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Float = npt.NDArray[np.float64]
 
 
 def from_off_slices(stack: Stack) -> tuple[Float, float]:
-    """Mean count [DN] (row, col) of the laser-off slices per nominal exposure, and how many such exposures they are.
+    """Mean count [DN] (row, col) of the laser-off slices per nominal exposure, and the number of such exposures.
 
-    Raises InputError where there is none.
+    Raises InputError where there is no such slice.
     """
     off = stack.slices[stack.group >= stack.signal]
     if off.size == 0:
         raise InputError(
-            "no laser-off slice in the capture",
+            "The capture has no laser-off slice.",
             where="weighted-average[background=off-slices]",
             allowed="none, min, outside",
             next_step="generate with rig.delays.laser_off > 0",
@@ -62,11 +62,11 @@ def _outside(counts, slices, group, share, centroid, signal, reach, offset, back
 
 def from_outside(stack: Stack) -> tuple[Float, Float]:
     """Mean count [DN] (row, col) per nominal exposure of the slices that lie farther from the brightest than R reaches
-    (1e-3 of its peak), and how many such exposures they are. NaN where there is none."""
+    (1e-3 of its peak), and the number of such exposures. NaN where there is no such slice."""
     shape = stack.counts.shape[1:]
     background, number = np.full(shape, np.nan), np.zeros(shape)
     if stack.signal:
-        # Beyond, R is under a thousandth of its peak: waiting for 1e-7 would leave no slice in a window of usual length.
+        # Beyond, R is under a thousandth of its peak; a limit of 1e-7 would leave no slice in a window of usual length.
         reach = max(0.5 * r.step_s * float((r.value >= 1e-3 * r.peak).sum()) for r in stack.instrument.responses)
         _outside(stack.counts, stack.slices, stack.group, stack.frames / stack.exposure, stack.centroid_delay_s,
                  stack.signal, reach, stack.instrument.offset_dn, background, number)  # fmt: skip

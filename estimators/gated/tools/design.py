@@ -1,7 +1,7 @@
 """The design table of a likelihood fit: R and its derivatives at every delay, for echo times on a dense even grid.
 
 Row j holds R(τ_j − t_k)·e_k and its first two Taylor terms for all groups k of the stack, so that a fit reads
-neighbouring numbers and looks nothing up: R(τ) = v + f·(s + f·c) with f = (τ−τ_j)/du in ±½. At du = σ_R/64 the
+neighbouring numbers and needs no interpolation: R(τ) = v + f·(s + f·c) with f = (τ−τ_j)/du in ±½. At du = σ_R/64 the
 neglected cubic term is below 1e-7 of the peak for a Gaussian response.
 """
 
@@ -21,7 +21,7 @@ __all__ = ["Design", "design_of"]
 Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
 
-#: Most numbers in one Taylor order of a table (64 MB); wider windows get a coarser grid.
+#: Most numbers in one Taylor order of a table (64 MB); longer windows get a coarser grid.
 MAX_CELLS = 8_000_000
 #: Largest curvature of R, in units of its peak over σ_R², of a smooth response: 1 for a Gaussian, 64 (σ_R over a row) at
 #: a corner. Beyond it the tops of likelihoods are flat enough to matter (`poisson_flat`).
@@ -31,10 +31,14 @@ _kept: OrderedDict[tuple[object, ...], Design] = OrderedDict()
 
 @dataclass(frozen=True)
 class Design:
-    """table (row, order, group); first, last (row): groups where R is above 1e-6 of its peak; origin_s, step_s of τ;
-    low, high: rows between which an echo is well inside the window; candidates: rows of the start's matched filter
-    with `mean` (projection on the background), `norm` (1/length without it; 1/length of its box) and `box` (first, last
-    + 1, exposure² inside: groups where R is above .3 of its peak); width: σ_R in rows; corners: whether R has some."""
+    """The table and what a fit needs beside it.
+
+    table (row, order, group). first, last (row): groups in which R is above 1e-6 of its peak. origin_s, step_s: τ of row 0
+    and its step. low, high: rows between which an echo lies well inside the window. candidates: rows of the matched filter
+    that starts a fit, with `mean` (projection on the background), `norm` (1/length without it; 1/length of its box) and
+    `box` (first, last + 1, exposure² inside: groups in which R is above .3 of its peak). width: σ_R in rows. corners:
+    whether R has corners.
+    """
 
     table: Float
     first: Int
@@ -61,7 +65,7 @@ def _build(stack: Stack) -> Design:
     step = max(width / 64, (end - begin) * stack.groups / MAX_CELLS)
     if step > width / 4:
         raise InputError(
-            "the delays span too wide a window for the response's width", where="delay", value=end - begin,
+            "The delays span too wide a window for the width of the response.", where="delay", value=end - begin,
             allowed=f"up to {width / 4 * MAX_CELLS / stack.groups:.3g} s", next_step="cut the stack into parts",
         )  # fmt: skip
     rows = int(np.ceil((end - begin) / step)) + 1
@@ -114,7 +118,7 @@ def _has_corners(value: Float, width: float) -> bool:
 
 
 def design_of(stack: Stack) -> Design:
-    """The table of a stack's instrument and delays; the last few are kept. Raises InputError for absurd windows."""
+    """The table for the instrument and delays of a stack; the last few are kept. Raises InputError for too wide a window."""
     parts = (stack.delay_s, stack.gate, stack.exposure)
     key = (stack.instrument.key, stack.signal, *(part.tobytes() for part in parts))
     if key in _kept:

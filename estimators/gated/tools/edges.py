@@ -1,4 +1,4 @@
-"""Where a profile over delay crosses a level: shared by `threshold` and `constant-fraction`."""
+"""Crossings of a level by a profile over delay: shared by `threshold` and `constant-fraction`."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ Float = npt.NDArray[np.float64]
 def edge(
     stack: Stack, y: Float, level: Float, start: npt.NDArray[np.int64], side: int, variance: Float
 ) -> tuple[Float, Float, Float]:
-    """(t, slope, noise): delay [s] of the nearest crossing of `level` (row, col) below (side −1) or above (+1) slice
-    `start`, by a straight line between two samples; |dy/dt| there; variance of the interpolated sample. NaN where none.
+    """(t, slope, noise): delay [s] of the nearest crossing of `level` (row, col) before (side −1) or after (+1) slice
+    `start`, by a straight line between two samples; |dy/dt| there; variance of the interpolated sample. NaN where there is
+    no crossing.
 
-    y, variance (group, row, col). The walk starts at a sample at or above the level and stops at the first one below.
+    y, variance (group, row, col). The search starts at a sample at or above the level and ends at the first one below.
     """
     n = y.shape[0]
     t = stack.delay_s[:n]

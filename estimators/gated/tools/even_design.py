@@ -24,17 +24,20 @@ Single = npt.NDArray[np.float32]
 LANES = 32
 #: Slices by which an echo may move from its start before the window would have to follow.
 SLACK = 4
-#: Larger tables than this (numbers) would leave the caches: such stacks are fitted the general way.
+#: Tables of more numbers would not fit the processor's caches: such stacks are fitted the general way.
 MAX_CELLS = 4_000_000
 _kept: OrderedDict[tuple[object, ...], EvenDesign | None] = OrderedDict()
 
 
 @dataclass(frozen=True)
 class EvenDesign:
-    """table (row, order, slice of the window); phases P per step; xi: ξ of row 0; reach: ξ at the window's start;
-    mask: 1 for slices that exist, from `-pad`; low, high: x between which an echo is well inside; width: σ_R in steps;
-    grid: x of the start's matched filter, with template (candidate, slice), span (first, last + 1), mean (projection
-    on the background) and norm (1/length without it)."""
+    """The table and what a fit needs beside it.
+
+    table (row, order, slice of the window). phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices that exist, from
+    `-pad` on. low, high: x between which an echo lies well inside the window. width: σ_R in steps. grid: x of the matched
+    filter that starts a fit, with template (candidate, slice), span (first, last + 1), mean (projection on the background)
+    and norm (1/length without it). origin_s, step_s: delay of slice 0, and the step h.
+    """
 
     table: Single
     phases: int
@@ -71,7 +74,7 @@ def _build(stack: Stack) -> EvenDesign | None:
     phases = int(np.ceil(128 / width))
     support = int(np.ceil(last - first)) + 1
     slices = -(-(support + SLACK) // LANES) * LANES
-    room = slices - support  # all of the window that R does not fill is room to move in
+    room = slices - support  # the part of the window that R does not fill: an echo may move by so much
     rows = (room + 1) * phases + 1
     if 2 * rows * slices > MAX_CELLS or support > 4 * n:
         return None
@@ -115,7 +118,8 @@ def _build(stack: Stack) -> EvenDesign | None:
 
 
 def even_design_of(stack: Stack) -> EvenDesign | None:
-    """The table of a stack whose delays are even, under one gate, each slice alone and equally exposed; else None."""
+    """The table for a stack of even delays under one gate, in which no two slices share a delay and all have the same
+    exposure; None for other stacks."""
     parts = (stack.delay_s, stack.gate, stack.exposure, stack.count)
     key = (stack.instrument.key, stack.signal, stack.slices.size, *(part.tobytes() for part in parts))
     if key in _kept:

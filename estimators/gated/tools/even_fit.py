@@ -1,7 +1,7 @@
 """Kernels of `poisson-ml` for even delays: tiles of pixels, single precision, whole vectors, no branch per slice.
 
-The start runs over the pixels of a tile (its samples lie slice by slice), the Fisher steps over the slices of a pixel's
-window. Sums are single precision: at 10⁶ photoelectrons their rounding moves τ by 10⁻⁴ of its standard error.
+The start runs over the pixels of a tile (samples stored slice by slice), the Fisher steps over the slices of the window of a
+pixel. Sums are in single precision: at 10⁶ photoelectrons their rounding moves τ by 10⁻⁴ of its standard error.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from .poisson_fit import SETTLED
 
 __all__ = ["fit_even"]
 
-#: Pixels of a tile: 64 slices of them fill half of the first-level cache.
+#: Pixels of a tile: with 64 slices they fill half of the first-level cache.
 TILE = 64
 FAST = {"reassoc", "contract", "arcp"}
 MOST = 10
@@ -121,7 +121,7 @@ def _step(sums, outside, number, s, floor, phases, reach, x, a, b, before, var_x
         da = da_held if held else da
         good = (d2 > 0) & (a3 > 0)
         square = dx * dx
-        # What is left after a step is its product with the rate at which steps shrink.
+        # The error left after a step is its product with the rate at which the steps shrink.
         rate = min(1.0, square / before[c])
         settled = (square <= SETTLED * vx) | ((square * rate <= 0.1 * SETTLED * vx) & (square < 0.25 * vx))
         stop = good & settled & (abs(da) < 0.1 * a[c])
@@ -184,7 +184,7 @@ def _guess(scores, top, best, light, groups, grid, mean, norm, span, low, high, 
 
 @kernel(error_model="numpy")
 def _fit(zs, mask, m0, table, phases, xi, outside, beyond, s, floor, low, high, width, k0, state, sums, active, done):  # type: ignore[no-untyped-def]
-    """Fisher scoring of a tile from its starts, in step, each pixel until it settles. See `fit_fast`."""
+    """Fisher scoring of all pixels of a tile at a time, each until it settles. See `fit_fast`."""
     x, a, b, before, var_x, var_a = state
     shift, rows = np.float32(s), table.shape[0]
     before[:] = np.inf
@@ -211,9 +211,9 @@ def fit_even(  # type: ignore[no-untyped-def]
     counts, slices, levels, s, floor, table, phases, xi, mask, pad, bounds, width, grid, template, span, mean, norm,
     snr, units, tau, sigma, ok, again,
 ):  # fmt: skip
-    """Fit all pixels of counts (slice, pixel). tau = units[0] + units[1]·x,
-    sigma = units[1]·σ_x, x in steps from slice 0, NaN where not ok; `again` marks pixels that have a
-    clipped sample or did not settle: they are left to the careful path. See `poisson_ml` for the rest."""
+    """Fit all pixels of counts (slice, pixel): tau = units[0] + units[1]·x, sigma = units[1]·σ_x, x in steps from slice 0;
+    NaN where not ok. `again` marks pixels that have a clipped sample or did not settle: they are left to the careful path.
+    See `poisson_ml` for the other arguments."""
     offset, scale, saturation = levels
     low, high = bounds
     groups, window = slices.size, table.shape[2]

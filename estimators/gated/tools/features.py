@@ -1,4 +1,4 @@
-"""What the learned estimator sees of a pixel: the profile about a first guess, in units of the response's own width."""
+"""Features of a pixel for the learned estimator: the profile about a first guess, in units of the width of the response."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .stack import Stack, load_row
 __all__ = ["FEATURES", "SIGNIFICANCE", "features_of", "resolved"]
 
 Float = npt.NDArray[np.float64]
-#: Samples of the profile, σ_R/2 apart, from −5 to 5 σ_R; then light, significance and the pedestal's share.
+#: Samples of the profile, σ_R/2 apart, from −5 to 5 σ_R; then light, significance and the share of the pedestal.
 POINTS = 21
 FEATURES = POINTS + 3
-#: Which feature is lg(amplitude/its rough standard error).
+#: Index of the feature lg(amplitude/its approximate standard error).
 SIGNIFICANCE = POINTS + 1
 
 
@@ -62,14 +62,14 @@ def _read(  # type: ignore[no-untyped-def]
                 for g in range(signal):
                     total += e[g]
                     light += y[g]
-                # The noise of the amplitude, as if all light lay under the template.
+                # The noise of the amplitude if all light lay under the template.
                 spread = np.sqrt(max(light, 1.0) / total + s[0]) * np.sqrt(1.0 / apart)
                 if not a > snr * spread:
                     continue
                 g = 0
                 height, low = 0.0, np.inf
                 for m in range(POINTS):
-                    # The slice whose own centroid lies where the point is: a straight line between two slices.
+                    # The profile at the point, by a straight line between the two slices whose centroids enclose it.
                     at = x + 0.5 * apart * (m - POINTS // 2)
                     while g < signal - 2 and place[g + 1] <= at:
                         g += 1
@@ -94,17 +94,17 @@ def _read(  # type: ignore[no-untyped-def]
 
 
 def resolved(stack: Stack) -> bool:
-    """Whether neighbouring slices are no farther apart than the points of the profile that is read from them."""
+    """Whether neighbouring slices are no farther apart than the points at which the profile is read."""
     width_s = float(np.sqrt(stack.instrument.responses[int(stack.gate[0])].variance_s2)) if stack.signal else 0.0
     return stack.spacing_s() <= 0.5 * width_s * (1 + 1e-9)
 
 
 def features_of(stack: Stack, min_snr: float) -> tuple[Float, Float, Float, npt.NDArray[np.bool_], Float]:
-    """(features (row, col, FEATURES), first guess of τ [s] (row, col), σ_R [s] as an array of one, ok (row, col), the
-    echo's photoelectrons in all slices over F² (row, col)).
+    """(features (row, col, FEATURES), first guess of τ [s] (row, col), σ_R [s] as an array of one number, ok (row, col),
+    photoelectrons of the echo in all slices over F² (row, col)).
 
-    The first guess is the start of `poisson-ml`, a matched filter; all else is relative to it and to σ_R, so that an
-    answer learned with one rig carries to another whose response has a similar shape.
+    The first guess is the start of `poisson-ml`, a matched filter. All features are relative to it and to σ_R, so that an
+    answer learned with one rig carries over to another whose response has a similar shape.
     """
     rig = stack.instrument
     shape = stack.counts.shape[1:]

@@ -14,14 +14,14 @@ from .stack import Stack, load_row
 __all__ = ["Maximum", "brightest"]
 
 Float = npt.NDArray[np.float64]
-#: Pixels read at once: their samples stay in the first-level cache.
+#: Pixels read at a time: their samples stay in the first-level cache.
 TILE = 32
 
 
 @dataclass(frozen=True)
 class Maximum:
-    """Per pixel (row, col): index of the brightest signal group, photoelectrons per slice before, at and after it (NaN
-    beyond an end), the lowest, the number of clipped or NaN samples, and whether a maximum exists."""
+    """Per pixel (row, col): index of the brightest signal group; photoelectrons per slice before, at and after it (NaN
+    beyond an end) and in the darkest group (low); number of clipped or NaN samples (bad); whether a maximum exists (ok)."""
 
     index: npt.NDArray[np.int64]
     before: Float
@@ -61,7 +61,7 @@ def _scan(counts, slices, group, share, signal, offset, scale, saturation, index
 
 
 def brightest(stack: Stack) -> Maximum:
-    """Scan all pixels once, row by row. Values are photoelectrons per slice of nominal exposure."""
+    """The brightest group of every pixel. Values are photoelectrons per slice of nominal exposure."""
     rig = stack.instrument
     shape = stack.counts.shape[1:]
     index = np.full(shape, -1, dtype=np.int64)

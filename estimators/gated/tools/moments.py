@@ -1,8 +1,8 @@
-"""Streaming moments of a stack over delay, in integers where the delays are even: the engine of `weighted-average`.
+"""Streaming moments of a stack over delay, in integers where the delays are even: the kernels of `weighted-average`.
 
 For even delays the moments Σ y, Σ k·y, Σ k²·y need no multiplication: running sums of running sums, from the last slice
-to the first, give them exactly in 32 bits for 64 slices at a time. One pass over the counts, blocks of pixels whose
-accumulators stay in the first cache levels, nothing copied; range and sigma are finished block by block.
+to the first, give them exactly in 32 bits for 64 slices at a time. The counts are read once and never copied, in blocks of
+pixels whose accumulators stay in the first cache levels; range and sigma are finished block by block.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def _next(y, a, b, c):  # type: ignore[no-untyped-def]
 
 @kernel(error_model="numpy")
 def _add_many(y15, y14, y13, y12, y11, y10, y9, y8, y7, y6, y5, y4, y3, y2, y1, y0, s0, s1, s2):  # type: ignore[no-untyped-def]
-    # Sixteen slices per turn, written out: a loop over them would keep the processor's vector units from the pixels. With
-    # fewer the sums go through the cache more often (8: 10 % slower), with more they leave the registers (32: half as fast).
+    # Sixteen slices per turn, written out: with a loop over them the compiler would not use vector units over the pixels. With
+    # fewer the sums pass through the cache more often (8: 10 % slower), with more they leave the registers (32: half as fast).
     for p in range(s0.size):
         a, b, c = s0[p], s1[p], s2[p]
         a, b, c = _next(y15[p], a, b, c)
@@ -89,7 +89,7 @@ def _answer(m0, m1, d0, d1, d2, high, back, sums, floors, noise, scale):  # type
     """Value a + b·t and sigma b·√Var t of t = Σx(y−B)/Σ(y−B), with Var t = Σ (x−t)²·Var y + share·(Σ(x−t))²·Var B.
 
     m0, m1: Σ y, Σ x·y of counts with the offset; d0, d1, d2: Σ v·(1, x, x²)·(y − offset), floors: Σ v·(1, x, x²), with v
-    what a slice's own weight makes of its variance. The 3 σ that light must have are 3 σ of the sum as it was averaged.
+    the factor by which the weight of a slice changes its variance. The light must exceed 3 σ of the sum as it was averaged.
     """
     n, t1, _t2 = sums
     e0, e1, e2 = floors
@@ -121,7 +121,7 @@ def _finish(m0, m1, m2, high, level, sums, noise, scale, value, sigma, valid):  
 
 @kernel(error_model="numpy")
 def _finish_whole(s0, s1, s2, high, level, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
-    """`_finish` from the running sums of one segment, without a detour through memory; level: one for all pixels."""
+    """`_finish` from the running sums of one segment, without storing the moments; level: one for all pixels."""
     n, t1, t2 = sums
     offset = noise[0]
     for i in range(s0.size):
@@ -144,7 +144,7 @@ def _greatest(counts, begin, end, p0, p1, high):  # type: ignore[no-untyped-def]
 def average_even(counts, begin, end, level, least, sums, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
     """Weighted average of counts (slice, pixel), uint16, slices begin…end−1 at positions x = 0, 1, …
 
-    level: background [DN] per pixel, or of one element for all; with `least` the pixel's smallest count instead.
+    level: background [DN] per pixel, or one element for all; with `least` the smallest count of the pixel is used instead.
     sums: n, Σx, Σx²; noise: offset, 1/gain, F², floor variance, share of the background's variance, clip level;
     scale: origin and unit of the value, greatest x, factor of sigma. Fills value, sigma (float32; NaN where invalid), valid.
     """
@@ -197,11 +197,11 @@ def average_even(counts, begin, end, level, least, sums, noise, scale, value, si
 
 @kernel(error_model="numpy")
 def average_general(counts, slices, plan, level, least, sums, floors, noise, scale, value, sigma, valid):  # type: ignore[no-untyped-def]
-    """As `average_even` for any layout of counts (slice, row, col) and any slices.
+    """As `average_even`, for any memory layout of counts (slice, row, col) and any slices.
 
-    plan: per used slice the position x; the weight w, 1/Σ pulses of all slices of its delay, which makes their sum a count
-    of nominal exposure; and its own exposure's inverse. Shot noise and read noise grow with w² per slice, not with w:
-    sums are Σ 1, Σ x, Σ x² over delays, floors the same of w² over slices. The level is one of nominal exposure.
+    plan: for each used slice its position x; its weight w, 1/Σ pulses of all slices of its delay, which makes their sum a
+    count of nominal exposure; and the inverse of its own exposure. Shot noise and read noise grow with w² per slice, not
+    with w: sums are Σ 1, Σ x, Σ x² over delays, floors those of w² over slices. The level is that of nominal exposure.
     """
     rows, cols = counts.shape[1], counts.shape[2]
     position, weight, apart = plan
@@ -229,7 +229,7 @@ def average_general(counts, slices, plan, level, least, sums, floors, noise, sca
                 d[p] += ff * y
                 e[p] += ffx * y
                 q[p] += ffxx * y
-                # NaN must reach the test of `_answer`, whatever the order of max's arguments.
+                # NaN must reach the test of `_answer`, which max does not grant in every order of its arguments.
                 high[p] = raw if not raw <= high[p] else high[p]
                 low[p] = min(low[p], y * own)
         if least:

@@ -1,8 +1,8 @@
-"""Clipped samples in a Poisson likelihood: all that one tells is that the count reached the clip.
+"""Clipped samples in a Poisson likelihood: a clipped sample is known only to have reached the clip.
 
 With c the clip in (shifted, scaled) photoelectrons, a sample of mean V reaches it with P(Y >= c) = P(Γ(c) <= V), by Wilson
-and Hilferty Φ(t), t = 3√c·((V/c)^⅓ − 1 + 1/9c), good to 10⁻³ from c = 3 on and smooth in V. Leaving such samples out
-instead would keep those of a pixel that noise kept below the clip, and no others: a bias, and a sigma too small.
+and Hilferty Φ(t), t = 3√c·((V/c)^⅓ − 1 + 1/9c), accurate to 10⁻³ from c = 3 on and smooth in V. To leave clipped samples out
+would keep those samples of a pixel that noise held below the clip, and no others: a bias, and a sigma that is too small.
 Source: E. B. Wilson and M. M. Hilferty, PNAS 17:684, 1931; censored samples: J. Tobin, Econometrica 26:24, 1958.
 """
 
@@ -18,7 +18,7 @@ __all__ = ["leave_out", "log_reached", "plausible", "reached"]
 
 #: Standard normal deviate below which Φ is taken by its asymptote.
 _FAR = -25.0
-#: A clipped sample less likely than this deviate was not clipped by light that the rest allows.
+#: A clipped sample less likely than this deviate was not clipped by the light that the other samples show.
 _STRANGE = -6.0
 
 
@@ -49,11 +49,11 @@ def reached(mean, clip):  # type: ignore[no-untyped-def]
 
 @kernel(error_model="numpy")
 def plausible(zs, e, s, share, held, table, x, a, b):  # type: ignore[no-untyped-def]
-    """Whether the fit of a pixel that has clipped samples explains the rest: arguments as `poisson_fit.fit_careful`.
+    """Whether the fit of a pixel with clipped samples explains the other samples: arguments as `poisson_fit.fit_careful`.
 
-    A lone bright sample among dark ones (a hot slice, a cosmic ray) is no echo: the fit then predicts light in its
-    neighbours that is not there, or a clip that its light does not reach. More than half of the echo that the unclipped
-    samples should hold must be there, and the clipped ones must not be beyond −6 standard deviations."""
+    A single bright sample among dark ones (a hot slice, a cosmic ray) is no echo: the fit then predicts light in its
+    neighbours that they do not have, or too little light for the clip. The unclipped samples must show more than half of
+    the echo that the fit predicts for them, and the clipped ones must not lie beyond −6 standard deviations."""
     clipped, clip, e_one, s_one, part = held
     j = int(x + 0.5)
     f = x - j
@@ -71,7 +71,7 @@ def plausible(zs, e, s, share, held, table, x, a, b):  # type: ignore[no-untyped
 
 @kernel(error_model="numpy")
 def leave_out(whole, share, clipped):  # type: ignore[no-untyped-def]
-    """Clipped samples become missing ones: groups of nothing else get the mean of their neighbours in `whole`."""
+    """Treat clipped samples as missing: groups that hold no other get the mean of their neighbours in `whole`."""
     for g in range(whole.size):
         if clipped[g] > 0 and share[g] == 0:
             left, right = g - 1, g + 1

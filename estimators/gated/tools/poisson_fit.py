@@ -1,5 +1,5 @@
-"""Kernels of `poisson-ml`: the start, Fisher scoring, and the careful path with step halving. Units: rows of the design
-table for time, scaled photoelectrons for light."""
+"""Kernels of `poisson-ml`: the start, Fisher scoring, and the careful path with step halving. Time is in rows of the design
+table, light in scaled photoelectrons."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .poisson_clipped import log_reached, reached
 
 __all__ = ["fit_careful", "fit_fast", "solve", "start"]
 
-#: Square of the last step, in standard errors of x: what is left is its product with the rate, below a tenth.
+#: Square of the last step, in standard errors of x: the error left is its product with the rate, which is below a tenth.
 SETTLED = 1.6e-3
 #: Sums may be reordered (so that they use vector registers); NaN and infinity keep their meaning.
 FAST = {"reassoc", "contract"}
@@ -30,8 +30,8 @@ def start(z, e, s, table, first, last, candidates, box, mean, norm, running):  #
     """Matched filter with the background projected out: (x, A, B) of the best candidate; A ≤ 0 where there is none.
 
     score_j = Σ z·(v − m·e)/|v − m·e| on a grid of ¾ σ_R, its maximum refined by a parabola. Running sums over boxes (R
-    above .3 of its peak: 6 % less signal to noise than the matched filter) tell where to look; where the best box is
-    not far above the noise, all candidates are tried.
+    above .3 of its peak: 6 % less signal to noise than the matched filter) select the candidates to try; where the best
+    box is not far above the noise, all candidates are tried.
     """
     n = candidates.size
     light, square = 0.0, 0.0
@@ -73,7 +73,7 @@ def start(z, e, s, table, first, last, candidates, box, mean, norm, running):  #
 
 @kernel(error_model="numpy")
 def solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, held):  # type: ignore[no-untyped-def]
-    """Step (dx, dA, dB) and the variances of x and A. With `held` the background stays where it is."""
+    """Step (dx, dA, dB) and the variances of x and A. With `held` the background stays at its value."""
     by_b = 1 / jbb
     c, e = jxb * by_b, jab * by_b
     a2, b2, d2 = jxx - c * jxb, jxa - c * jab, jaa - e * jab
@@ -144,7 +144,7 @@ def fit_fast(zs, e, s, e_sum, s_sum, table, first, last, low, high, reach, floor
             break
         if b + db <= floor:
             b, db = floor, 0.0
-            # The bound holds: the other two move without it, from the information at the old background.
+            # The background is held at its bound: the other two move without it, by the information at its old value.
             dx, da, _db, var_x, var_a = solve(jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb, True)
         b += db
         a = a + da if da > -0.7 * a else 0.3 * a
@@ -178,7 +178,8 @@ def _misfit(zs, e, s, share, held, table, x, a, b):  # type: ignore[no-untyped-d
 
 @kernel(error_model="numpy")
 def _first(zs, e, s, share, held, table, low, high, reach, x, a, b):  # type: ignore[no-untyped-def]
-    """The best of some starts where samples are clipped: what they hide makes the matched filter's amplitude too small."""
+    """The best of several starts where samples are clipped: the light they lack makes the matched filter's amplitude too
+    small."""
     best, top, x1, a1 = np.inf, 0, x, a
     for turn in range(3):
         place = min(max(x + (0.0, -2.0, 2.0)[turn] * reach, low), high)
@@ -193,11 +194,11 @@ def _first(zs, e, s, share, held, table, low, high, reach, x, a, b):  # type: ig
 
 @kernel(error_model="numpy")
 def fit_careful(zs, e, s, share, held, table, low, high, reach, floor, x, a, b):  # type: ignore[no-untyped-def]
-    """Fisher scoring with step halving on the likelihood, for pixels that lack samples or did not converge fast.
+    """Fisher scoring with step halving on the likelihood, for pixels with missing samples and those that did not settle.
 
-    share[g] is the usable part of group g (e and s are already that part's, own arrays: changed where it is 0). `held`:
-    per group the number of clipped samples, and of one of them the clip, exposure, shift and part of the group.
-    Returns as `fit_fast`.
+    share[g] is the usable part of group g; e and s are those of that part, in arrays of the caller that are changed where
+    the part is 0. `held`: per group the number of clipped samples, and for one of them the clip, exposure, shift and part
+    of the group. Returns as `fit_fast`.
     """
     clipped, clip, e_one, s_one, part = held
     scaled = np.empty((1, 3, zs.size))

@@ -1,10 +1,10 @@
-"""Likelihoods with flat tops: where pulse and gate are rectangular, R has corners, and between them delays that no slice
-tells apart.
+"""Likelihoods with flat tops. Where pulse and gate are rectangular, R has corners, and between them are delays that no slice
+distinguishes.
 
-There every delay of the plateau is a maximum, the Fisher information is zero or about to jump, and Newton's steps lead
-nowhere. What is taken instead is the middle of the top: mean and standard deviation of the profile likelihood, amplitude
-and background fitted at each delay, normalised over delays. For a likelihood with one quadratic top that is its maximum
-and Fisher's standard error.
+Every delay of such a plateau is a maximum; the Fisher information is zero or discontinuous there, and Newton steps do not
+converge. The answer is the middle of the top instead: mean and standard deviation of the profile likelihood, normalised
+over delays, with amplitude and background fitted at each delay. For a likelihood with one quadratic top these are its maximum
+and the standard error of the Fisher information.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from .poisson_clipped import log_reached, reached
 
 __all__ = ["fit_flat"]
 
-#: Points of a look at the profile, and the drop of its logarithm that ends it: ±5 standard errors.
+#: Points at which the profile is computed, and the drop of its logarithm that ends it: ±5 standard errors.
 _POINTS = 33
 _DROP = 12.0
 
 
 @kernel(error_model="numpy")
 def _level(zs, e, s, share, held, table, x, floor, a, b):  # type: ignore[no-untyped-def]
-    """The best (A, B) at delay x, the log likelihood there, and the variance of A."""
+    """(log likelihood, variance of A, A, B) of the best A and B at delay x."""
     clipped, clip, e_one, s_one, part = held
     j = min(max(int(x + 0.5), 0), table.shape[0] - 1)
     f = x - j
@@ -76,7 +76,7 @@ def _level(zs, e, s, share, held, table, x, floor, a, b):  # type: ignore[no-unt
 def fit_flat(zs, e, s, share, held, table, low, high, width, floor, x, a, b):  # type: ignore[no-untyped-def]
     """x, A, B, var x, var A of one pixel, and whether there is a top within the window; arguments as `fit_careful`.
 
-    The profile is looked at over ±2.5 σ_R of the start, then over what is within 12 of its top, until that stays.
+    The profile is computed over ±2.5 σ_R of the start, then over the delays within 12 of its top, until these stay the same.
     """
     first, last = max(low, x - 2.5 * width), min(high, x + 2.5 * width)
     place, like = np.empty(_POINTS), np.empty(_POINTS)

@@ -1,4 +1,4 @@
-"""Per-pixel profiles of a stack over delay, in photoelectrons, block by block: for estimators written in numpy."""
+"""Profiles of the pixels of a stack over delay, in photoelectrons, block by block: for estimators written in numpy."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["Background", "background_e", "blocks", "crossing", "variance"]
 
 Float = npt.NDArray[np.float64]
 Background = Literal["none", "outside"]
-#: Numbers per block: some rows at a time, so that a large stack is not held twice.
+#: Numbers per block: a few rows at a time, so that memory does not hold a large stack twice.
 NUMBERS = 2_000_000
 
 
 def blocks(stack: Stack) -> Iterator[tuple[slice, Float, npt.NDArray[np.bool_]]]:
-    """(rows, y, bad) over blocks of rows: y (signal group, row, col) photoelectrons per slice of nominal exposure, bad
-    (row, col) where a sample is clipped or not finite (such samples are 0 in y)."""
+    """(rows, y, bad) for one block of rows after another: y (signal group, row, col) in photoelectrons per slice of nominal
+    exposure, bad (row, col) where a sample is clipped or not finite (such samples are 0 in y)."""
     rig = stack.instrument
     rows, cols = stack.counts.shape[1:]
     step = max(1, NUMBERS // max(1, cols * stack.signal))
@@ -48,19 +48,22 @@ def variance(stack: Stack, y: Float) -> Float:
 
 
 def background_e(stack: Stack, how: Background) -> Float:
-    """Background [photoelectrons per slice] (row, col): 0, or the mean of the slices beyond R from the brightest (0
-    where there is none)."""
+    """Background [photoelectrons per slice] (row, col): 0 for "none"; for "outside" the mean of the slices that lie farther
+    from the brightest than R reaches (0 where there is no such slice)."""
     if how == "none":
         return np.zeros(stack.counts.shape[1:])
     level, _number = from_outside(stack)
     light = (level - stack.instrument.offset_dn) / stack.instrument.dn_per_pe
-    # Infinite where a sample is: such a pixel is bad, and must not overflow on the way.
+    # The level is infinite where a sample is: such a pixel is bad, and must not overflow here.
     return np.asarray(np.nan_to_num(light, nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def crossing(stack: Stack, fraction: float, side: Literal["leading", "trailing"]) -> float:
-    """The argument u [s] at which R falls to `fraction` of its peak, on the side that the rising edge of a profile over
-    delay shows ("leading": u above the peak, since slice k sees R(τ − t_k)) or on the other."""
+    """The argument u [s] at which R falls to `fraction` of its peak.
+
+    side: of the profile over delay: its "leading" edge shows R at arguments above that of the peak, since slice k sees
+    R(τ − t_k); its "trailing" edge shows R below.
+    """
     response = stack.instrument.responses[int(stack.gate[0])]
     above = np.flatnonzero(response.value >= fraction * response.peak)
     i = int(above[-1] if side == "leading" else above[0])

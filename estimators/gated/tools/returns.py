@@ -1,7 +1,7 @@
-"""Likelihood of a profile with any number of echoes before water: model, its derivatives, and a guarded Fisher ascent.
+"""Likelihood of a profile with any number of echoes in water: the model, its derivatives, and Fisher scoring with bounds.
 
 μ_k = Σ_i A_i·R(τ_i−t_k) + C·b_k(τ_last) + B·e_k + s_k; parameters q = (B, C, x_1, A_1, x_2, A_2, …), x in rows of the design
-table. b_k(τ) = ∫^τ e^(−2cr)/r²·R(τ'−t_k) dτ' is single backscatter up to the last surface, which hides what lies behind.
+table. b_k(τ) = ∫^τ e^(−2cr)/r²·R(τ'−t_k) dτ' is single backscatter up to the last surface, which hides the water behind it.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from .scoring import information_step, log_likelihood, read_design
 
 __all__ = ["climb", "model"]
 
-#: Steps below this part of each echo time's standard error end the ascent.
+#: Steps below this part of the standard error of each echo time end the fit.
 SETTLED = 0.02
 
 
 @kernel(error_model="numpy")
 def model(q, e, s, table, below, decay, mean, columns):  # type: ignore[no-untyped-def]
-    """Fill mean (group) and columns (parameter, group) = ∂μ/∂q. `below` (row, group) of one row: no water."""
+    """Fill mean (group) and columns (parameter, group) = ∂μ/∂q. Where `below` (row, group) has one row there is no water."""
     echoes = (q.size - 2) // 2
     for g in range(e.size):
         columns[0, g] = e[g]
@@ -43,10 +43,10 @@ def model(q, e, s, table, below, decay, mean, columns):  # type: ignore[no-untyp
 
 @kernel(error_model="numpy")
 def climb(zs, e, s, table, below, decay, bounds, q, error):  # type: ignore[no-untyped-def]
-    """Ascend the likelihood of zs = z + s from q, in place; error: standard errors. Returns (settled, log likelihood).
+    """Maximise the likelihood of zs = z + s from q on, in place; error: standard errors. Returns (settled, log likelihood).
 
-    bounds: least and greatest x, longest step of x, least B. B and C are held at their bound (C: 0) while the score
-    points beyond; steps are halved until the likelihood does not fall; echoes stay in order of x.
+    bounds: least and greatest x, longest step of x, least B. B and C are held at their bound (0 for C) while the score
+    points beyond it; steps are halved until the likelihood does not fall; the echoes stay in order of x.
     """
     low, high, reach, floor = bounds
     n, p = zs.size, q.size

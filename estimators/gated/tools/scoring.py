@@ -1,4 +1,4 @@
-"""Fisher scoring with any few columns and lower bounds: the engine of the likelihood fits with more than one echo."""
+"""Fisher scoring in a few parameters with lower bounds, for likelihood fits of more than one echo."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def log_likelihood(z, mean):  # type: ignore[no-untyped-def]
 def information_step(z, mean, columns, free, step, error):  # type: ignore[no-untyped-def]
     """Step = J⁻¹·score of the free parameters and their standard errors; columns (parameter, group) = ∂μ/∂parameter.
 
-    J = Σ ∂μ ∂μᵀ/μ, by Cholesky factors of the free part scaled to a unit diagonal. Parameters that are not free get step
-    0 and error ∞. Returns False where J is singular.
+    J = Σ ∂μ ∂μᵀ/μ is solved by the Cholesky factors of its free part, scaled to a unit diagonal. Parameters that are not
+    free get the step 0 and the error ∞. Returns False where J is singular.
     """
     p = columns.shape[0]
     j = np.zeros((p, p))

@@ -28,12 +28,12 @@ _plans: OrderedDict[tuple[Any, ...], Stack] = OrderedDict()
 
 @dataclass(frozen=True)
 class Stack:
-    """Counts and the plan for reading them.
+    """Counts, and the plan for reading them.
 
-    counts (slice, row, col), never copied; `slices`, `group`: the used slices and the group of each; per group:
-    delay_s, gate, count (slices summed) and exposure (Σ pulses / nominal pulses), signal groups first (`signal` of
-    them, sorted by delay). `frames` is the number of frames averaged into one float32 value (1 for uint16). `key` names the
-    plan: all but the counts.
+    counts (slice, row, col) are never copied. `slices` are the slices that are used, `group` the group of each. Per group:
+    delay_s, gate, count (slices summed) and exposure (Σ pulses / nominal pulses); the first `signal` groups hold signal,
+    sorted by delay. `frames` is the number of frames averaged into one float32 value (1 for uint16). `key` identifies the
+    plan, which is everything but the counts.
     """
 
     counts: npt.NDArray[Any]
@@ -50,23 +50,23 @@ class Stack:
 
     @property
     def groups(self) -> int:
-        """Number of groups, background included."""
+        """Number of groups, that of the background included."""
         return int(self.delay_s.size)
 
     @property
     def reads(self) -> Float:
-        """Slices per nominal exposure of every group: a value y of nominal exposure, made of the group's slices, has the
+        """Slices per nominal exposure of every group. A value y of nominal exposure, made of the slices of a group, has the
         variance (F²·y + reads·σ_r²)/exposure, since light grows with the pulses and read noise with the slices."""
         return np.asarray(self.count / self.exposure)
 
     @property
     def centroid_delay_s(self) -> Float:
-        """Per signal group, the echo time that its response is centred on: delay plus R's centroid."""
+        """Echo time on which the response of each signal group is centred: delay plus the centroid of R."""
         shift = np.array([r.centroid_s for r in self.instrument.responses])
         return np.asarray(self.delay_s[: self.signal] + shift[self.gate[: self.signal]])
 
     def spacing_s(self) -> float:
-        """Median distance of neighbouring delays; the correlation's standard deviation where there is only one."""
+        """Median spacing of the delays; the standard deviation of R where there is only one delay."""
         gaps = np.diff(np.unique(self.delay_s[: self.signal]))
         if gaps.size:
             return float(np.median(gaps))
@@ -74,17 +74,19 @@ class Stack:
 
 
 def read_stack(capture: xr.Dataset) -> Stack:
-    """Plan the reading of a gated capture. Raises InputError where coordinates are missing or of wrong size."""
+    """Plan the reading of a gated capture. Raises InputError where a coordinate is missing or has the wrong size."""
     variables = capture.variables
     if "counts" not in variables or variables["counts"].dims != ("slice", "row", "col"):
         found = variables["counts"].dims if "counts" in variables else None
-        raise InputError("no gated stack", where="counts", value=found, allowed="dims (slice, row, col)")
+        raise InputError(
+            "The capture has no stack of slices.", where="counts", value=found, allowed="dims (slice, row, col)"
+        )
     instrument = instrument_of(capture)
     counts = variables["counts"].values
     total = counts.shape[0]
     if counts.shape[1:] != (instrument.rows, instrument.cols):
         raise InputError(
-            "the stack's size differs from the declared camera's",
+            "The size of the stack differs from that of the declared camera.",
             where="counts",
             value=counts.shape[1:],
             allowed=f"({instrument.rows}, {instrument.cols})",
@@ -93,13 +95,14 @@ def read_stack(capture: xr.Dataset) -> Stack:
     def per_slice(name: str, default: Any) -> npt.NDArray[Any]:
         if name not in variables:
             if default is None:
-                raise InputError(f"the capture has no coordinate {name}", where=name)
+                raise InputError(f"The capture has no coordinate {name}.", where=name, allowed=f"({total},)")
             return np.full(total, default)
         values = np.asarray(variables[name].values)
         if values.shape != (total,):
             raise InputError(
-                f"coordinate {name} is not per slice", where=name, value=values.shape, allowed=f"({total},)"
-            )
+                f"The coordinate {name} does not have one value per slice.", where=name, value=values.shape,
+                allowed=f"({total},)",
+            )  # fmt: skip
         return values
 
     delay = per_slice("delay", None).astype(np.float64)
@@ -123,8 +126,9 @@ def _plan(
     """All of a Stack but its counts."""
     if (gate[valid & laser] < 0).any() or (gate[valid & laser] >= len(instrument.responses)).any():
         raise InputError(
-            "a slice names a gate that the rig lacks", where="gate", allowed=f"0 to {len(instrument.responses) - 1}"
-        )
+            "A slice names a gate that the rig does not declare.", where="gate", value=np.unique(gate).tolist(),
+            allowed=f"0 to {len(instrument.responses) - 1}",
+        )  # fmt: skip
     on = np.flatnonzero(valid & laser & np.isfinite(delay))
     off = np.flatnonzero(valid & ~laser)
     keys, index = np.unique(np.stack([delay[on], gate[on].astype(np.float64)], axis=1), axis=0, return_inverse=True)
@@ -149,8 +153,8 @@ def _plan(
 
 @kernel
 def load_row(counts, slices, group, row, first, offset, scale, saturation, out, bad):  # type: ignore[no-untyped-def]
-    """out[col, group] = Σ (counts − offset)·scale over the group's slices, for the columns from `first`; bad[col]
-    counts samples that are clipped, NaN or infinite (their sum is left as it falls: the caller treats those pixels apart)."""
+    """out[col, group] = Σ (counts − offset)·scale over the slices of a group, for the columns from `first` on; bad[col]
+    counts the samples that are clipped, NaN or infinite (they stay in the sum: the caller treats such pixels apart)."""
     out[:] = 0.0
     bad[:] = 0
     columns = out.shape[0]

@@ -1,11 +1,12 @@
-"""The error of a vertex through the brightest slice and its neighbours: a table over what a pixel shows.
+"""The error of a vertex through the brightest slice and its neighbours, tabulated by simulation.
 
-Three things make it, and only the third is linear: the brightest slice is not the one nearest the top (noise chooses it
-among those of nearly equal height), the curve through three samples is not R (a bias that repeats in every step), and
-the noise of the three samples moves the vertex through a quotient. So the estimator is tried: pixels of the declared response,
-at places spread evenly over the steps and amplitudes spread evenly in decades, with normal noise of fixed draws. The table
-holds the mean square of their errors against the relative noise, the share of it that does not grow with the echo, and the
-vertex's place between its neighbours: what a pixel tells of itself. The mean over places inside a cell holds the bias's square.
+The error has three causes, and only the third is linear: the brightest slice need not be the one nearest the top (noise
+decides among those of nearly equal height), the curve through three samples is not R (a bias that repeats in every step),
+and the noise of the three samples moves the vertex through a quotient. So the estimator is simulated: on pixels of the declared
+response, at places spread evenly over the steps and amplitudes spread evenly in decades, with normal noise of fixed draws. The
+table holds the mean square of the errors against three numbers that every pixel shows: the relative noise, the share of it that
+does not grow with the echo, and the place of the vertex between its neighbours. The mean over a cell contains the square of
+the bias.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from .stack import Stack
 __all__ = ["Vertex", "vertex_sigma"]
 
 Float = npt.NDArray[np.float64]
-#: x(y before, at, after, step before, step after): the vertex's place after the brightest sample, NaN where there is none.
+#: x(y before, at, after, step before, step after): place of the vertex after the brightest sample, NaN where there is none.
 Vertex = Callable[[Float, Float, Float, Float, Float], Float]
 Level = Literal["least", "mean", "left"]
 
-#: Relative noise variance of the brightest sample, lg: cells per decade and limits.
+#: lg of the relative noise variance of the brightest sample: cells per decade, and limits.
 _PER_DECADE, _QUIETEST, _LOUDEST = 4, -9.0, 0.5
 _NOISE = int(_PER_DECADE * (_LOUDEST - _QUIETEST)) + 1
-#: The flat share of the variance (background, read noise), and the vertex's place in its cell.
+#: Cells over the flat share of the variance (background, read noise), and over the place of the vertex.
 _SHARES, _PLACES = 3, 9
-#: Numbers drawn for each share, and most and least trials: 20 to 150 a cell, a standard error of its sigma of 6 to 16 %,
-#: less where the eight cells about a pixel are weighed together.
+#: Numbers drawn for each share, and most and least trials: 20 to 150 in a cell, a standard error of its sigma of 6 to 16 %,
+#: less where the eight cells about a pixel are averaged.
 _DRAWS, _MOST, _LEAST = 250_000, 12_000, 5_000
 #: A slice takes part in a trial where R may exceed this part of its peak.
 _SEEN = 0.02
@@ -44,7 +45,7 @@ _tables: OrderedDict[tuple[Any, ...], Float] = OrderedDict()
 
 @kernel(error_model="numpy")
 def _weigh(noise, share, place):  # type: ignore[no-untyped-def]
-    """Cells and parts of cells of (lg noise, flat share, place −1…1), each kept inside the table."""
+    """Cells, and fractions of cells, of (lg noise, flat share, place −1…1), each kept inside the table."""
     a = (min(max(noise, _QUIETEST), _LOUDEST) - _QUIETEST) * _PER_DECADE
     b = min(max(share, 0.0), 1.0) * (_SHARES - 1)
     c = (min(max(place, -1.0), 1.0) + 1) * 0.5 * (_PLACES - 1)
@@ -88,8 +89,8 @@ def _look(at, low, x, index, t, exposure, reads, noise, table, out):  # type: ig
 
 
 def _cells(response: Any, t: Float) -> tuple[Float, Float, npt.NDArray[np.int64], float]:
-    """τ of trials spread evenly over the steps that have neighbours, R/max R of the slices about each (trial, slice; 0
-    beyond the stack), the first slice of each, and the number of slices beyond R's reach."""
+    """τ of trials spread evenly over the steps that have neighbours, R/max R of the slices about each (trial, slice; NaN
+    beyond the stack), the first slice of each, and the number of slices that R does not reach."""
     n = t.size
     held = response.start_s + response.step_s * np.flatnonzero(response.value >= _SEEN * response.peak)
     before, after = held[-1] - response.peak_s, response.peak_s - held[0]
@@ -98,7 +99,7 @@ def _cells(response: Any, t: Float) -> tuple[Float, Float, npt.NDArray[np.int64]
     last = np.searchsorted(t, t + after, side="right")
     reach = max(int((last - first).max()) + 2, 3)
     trials = int(np.clip(_DRAWS // reach, _LEAST, _MOST))
-    # One step stands for all where they are even; its middle one, so that no end is near.
+    # Where the steps are even one stands for all: the middle one, far from the ends.
     gaps = np.diff(t)
     even = float(np.ptp(gaps)) <= 1e-6 * float(gaps.mean())
     edges = t[(n - 1) // 2 : (n - 1) // 2 + 2] if even else t[1:-1] if n > 3 else t
@@ -120,9 +121,9 @@ def _trials(stack: Stack, vertex: Vertex, level_is: Level) -> Float:
     rng = np.random.default_rng(20170904)
     trials, reach = r.shape
     normal = rng.standard_normal((trials, reach))
-    # Quiet and loud echoes alike at every place: a golden-ratio sequence goes evenly through both.
+    # Weak and strong echoes at every place: a golden-ratio sequence covers both evenly.
     scale = 10 ** (_QUIETEST + (_LOUDEST - _QUIETEST) * ((np.arange(trials) * 0.6180339887498949) % 1.0))
-    # The least of many slices lies below their mean: what a pixel shows as its floor (Blom's mean of an extreme).
+    # The least of many slices lies below their mean (Blom's mean of an extreme).
     least = NormalDist().inv_cdf(0.625 / (outside + 0.25)) if level_is != "mean" and outside > 1 else 0.0
     total, number = np.zeros((_NOISE, _SHARES, _PLACES)), np.zeros((_NOISE, _SHARES, _PLACES))
     rows = np.arange(trials)
@@ -148,7 +149,8 @@ def _trials(stack: Stack, vertex: Vertex, level_is: Level) -> Float:
 
 
 def _filled(total: Float, number: Float) -> Float:
-    """ln of the mean square per cell; cells that saw little take their neighbours', along the place, then the noise."""
+    """ln of the mean square per cell; cells of few trials take the mean of others, along the place, then the share, and then
+    the values of the nearest noise."""
     for axis in (2, 1):
         few = number < 8
         total, number = (np.where(few, a + a.sum(axis=axis, keepdims=True), a) for a in (total, number))
@@ -163,11 +165,12 @@ def _filled(total: Float, number: Float) -> Float:
 
 
 def vertex_sigma(stack: Stack, found: Maximum, low: Float, x: Float, vertex: Vertex, level_is: Level) -> Float:
-    """Root mean square error [s] (row, col) of vertices x [s] after the brightest slice; NaN where x or the light is none.
+    """Root mean square error [s] (row, col) of vertices at x [s] after the brightest slice; NaN where x is NaN or there is no
+    light above low.
 
-    low: the pixel's level without echo [photoelectrons per slice]; vertex: the estimator's own formula; level_is: what low
-    is, the "least" of the samples or a "mean", or the least of a level "left" in what the formula sees (it bends logarithms).
-    The first call with an instrument and its delays costs some hundredths of a second, later ones a lookup.
+    low: level of the pixel without echo [photoelectrons per slice]; vertex: the formula of the estimator; level_is: whether
+    low is the "least" of the samples, a "mean", or the least of a level that is "left" in the samples of the formula (where it
+    bends logarithms). The first call with an instrument and its delays takes some hundredths of a second, later ones a lookup.
     """
     key = (stack.key, vertex.__module__, level_is)
     if key not in _tables:

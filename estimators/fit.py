@@ -1,4 +1,4 @@
-"""Damped scoring of many waveforms at once: the one loop behind matched filter, Gaussian fit and maximum likelihood.
+"""Damped scoring of many shots at once: the one loop behind matched filter, Gaussian fit and maximum likelihood.
 
 With the mean μ_k(θ) of sample k, weights w_k and residuals e_k (so that the score is Σ w_k e_k ∂μ_k), a step solves
 (H + κ diag H) δ = Σ w e ∂μ, H = Σ w ∂μ ∂μᵀ; κ falls while the objective falls and rises otherwise (Levenberg and
@@ -38,7 +38,7 @@ class Fit:
 
 
 def _solve(matrix: Float, right: Float) -> Float:
-    """Solve scaled symmetric systems (…, p, p); those that are singular give NaN."""
+    """Solve symmetric systems (…, p, p), scaled to a unit diagonal; singular ones give NaN."""
     d = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
     scaled = matrix / (d[..., :, None] * d[..., None, :])
     good = np.isfinite(scaled).all(axis=(-2, -1)) & (np.diagonal(matrix, axis1=-2, axis2=-1) > 0).all(axis=-1)
@@ -53,8 +53,8 @@ def scoring(model: Model, weigh: Weigh, start: Float, low: Float, high: Float, r
     """Fit every shot.
 
     Main arguments:
-        model, weigh: as above; both get the numbers of the shots that are still being fitted.
-        start (shot, parameter). low, high (shot, parameter): limits. reach (parameter): longest step.
+        model, weigh: as above; both get the indices of the shots that are still being fitted.
+        start (shot, parameter): first values. low, high (shot, parameter): limits. reach (parameter): longest step.
     """
     theta = np.clip(start, low, high)
     shots, parameters = theta.shape

@@ -1,0 +1,36 @@
+"""The estimators that ship with Beambench, by name."""
+
+from __future__ import annotations
+
+__all__ = ["BUILTIN"]
+
+#: name -> "module:function"
+BUILTIN: dict[str, str] = {
+    "amcw-decade": "beambench.estimators.amcw.phase:amcw_decade",
+    "amcw-ml": "beambench.estimators.amcw.ml:amcw_ml",
+    "amcw-phase": "beambench.estimators.amcw.phase:amcw_phase",
+    "chua-2016": "beambench.estimators.gated.chua_2016:chua_2016",
+    "chua-2017": "beambench.estimators.gated.chua_2017:chua_2017",
+    "chua-2017-orthogonal": "beambench.estimators.gated.chua_2017:chua_2017_orthogonal",
+    "constant-fraction": "beambench.estimators.gated.constant_fraction:constant_fraction",
+    "gaussian-least-squares": "beambench.estimators.gated.gaussian_least_squares:gaussian_least_squares",
+    "learned": "beambench.estimators.gated.learned:learned",
+    "log-gaussian": "beambench.estimators.gated.log_gaussian:log_gaussian",
+    "matched-filter": "beambench.estimators.gated.matched_filter:matched_filter",
+    "parabola": "beambench.estimators.gated.parabola:parabola",
+    "peak": "beambench.estimators.gated.peak:peak",
+    "poisson-ml": "beambench.estimators.gated.poisson_ml:poisson_ml",
+    "poisson-ml-backscatter": "beambench.estimators.gated.poisson_ml_backscatter:poisson_ml_backscatter",
+    "poisson-ml-two-returns": "beambench.estimators.gated.poisson_ml_two_returns:poisson_ml_two_returns",
+    "range-intensity-correlation": "beambench.estimators.gated.range_intensity:range_intensity_correlation",
+    "threshold": "beambench.estimators.gated.threshold:threshold",
+    "waveform-average": "beambench.estimators.waveform.average:waveform_average",
+    "waveform-coates": "beambench.estimators.waveform.average:waveform_coates",
+    "waveform-constant-fraction": "beambench.estimators.waveform.edge:waveform_constant_fraction",
+    "waveform-counter": "beambench.estimators.waveform.edge:waveform_counter",
+    "waveform-gaussian": "beambench.estimators.waveform.gaussian:waveform_gaussian",
+    "waveform-leading-edge": "beambench.estimators.waveform.edge:waveform_leading_edge",
+    "waveform-matched": "beambench.estimators.waveform.ml:waveform_matched",
+    "waveform-ml": "beambench.estimators.waveform.ml:waveform_ml",
+    "weighted-average": "beambench.estimators.gated.weighted_average:weighted_average",
+}
