@@ -16,8 +16,8 @@ __all__ = ["REPORT", "RUN"]
 
 
 def _closing(folder: str | Path) -> list[str]:
-    from ..benchmarks.report.data import read_scores
     from ..benchmarks.report.text import closing_lines
+    from ..benchmarks.scores.tables import read_scores
 
     return closing_lines(read_scores(folder))
 

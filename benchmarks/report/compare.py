@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...estimators.labels import label_of
 from ...scenes.errors import InputError
-from .data import label_of, read_run, read_scores
+from ..scores.tables import read_scores
+from .data import read_run
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -47,7 +47,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     ):
         if record.get(name) is not None and not isinstance(record[name], kind):
             raise InputError(
-                "run.json holds something of another kind.", where=f"{path}: {name}", value=record[name], allowed=word
+                "A value in run.json has the wrong type.", where=f"{path}: {name}", value=record[name], allowed=word
             )
     return record
 

@@ -98,7 +98,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
         found = [path / name for name in ("scores.csv", "scores.parquet") if (path / name).is_file()]
         if not found:
             raise InputError(
-                "The folder holds no score table.",
+                "The folder contains no score table.",
                 where=str(path),
                 allowed="a folder with scores.csv or scores.parquet",
                 next_step="beambench run quickstart",
@@ -117,7 +117,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
     missing = [name for name in COLUMNS if name not in table.columns]
     if missing:
         raise InputError(
-            "The table is no score table: columns are missing.",
+            "The table is not a score table: columns are missing.",
             where=str(path),
             value=missing,
             allowed="scores.csv or scores.parquet as `beambench run` writes it",
@@ -129,7 +129,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
             table[name] = pd.to_numeric(table[name]).astype(float)
         except (ValueError, TypeError) as error:
             raise InputError(
-                "A column of numbers holds something else.", where=f"{path}: {name}", value=str(error)
+                "A column of numbers contains other values.", where=f"{path}: {name}", value=str(error)
             ) from error
     return table
 
