@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from ...optics.constants import C_M_PER_S
 from .stacks import GaussianRig, poisson_bound, stack_capture
@@ -51,10 +52,6 @@ def compare(
 
     Returns sizes, seconds per pixel, their ratio and the efficiency (bound/error)² of both on the peer's pixels.
     """
-    from scipy.optimize import curve_fit
-
-    from ...estimators import run_estimator
-
     rig = GaussianRig()
     rng = np.random.default_rng(seed)
     place = (
@@ -63,17 +60,44 @@ def compare(
     tau = rig.start_s + rig.centre_s + rig.step_s * (rig.slices - 1) * place
     counts = rng.poisson(rig.electrons(tau, signal_e, background_e)).astype(np.uint16)
     capture = stack_capture(rig, counts)
+    result, seconds = _ours(capture)
+    ours = seconds / (rows * cols)
+
+    chosen = rng.choice(rows * cols, peer_pixels, replace=False)
+    begin = starts(rig, counts).reshape(-1, 3)[chosen]
+    data = counts.reshape(rig.slices, -1).T[chosen].astype(np.float64)
+    found, peer = _peer(rig, begin, data)
+
+    truth = tau.reshape(-1)[chosen]
+    bound = poisson_bound(rig, truth, signal_e, background_e)
+    half_c = C_M_PER_S / 2 / rig.group_index
+    estimate = result["range"].values.reshape(-1)[chosen]
+    return {
+        "slices": rig.slices, "pixels": rows * cols, "peer_pixels": peer_pixels, "signal_e": signal_e,
+        "background_e": background_e, "smooth": smooth, "poisson_ml_cpu_s": ours, "curve_fit_cpu_s": peer,
+        "ratio": peer / ours, "valid": float(result["valid"].values.mean()),
+        "poisson_ml_efficiency": float(1 / np.mean(((estimate - truth * half_c) / bound) ** 2)),
+        "curve_fit_efficiency": float(1 / np.mean(((found * 1e-9 - truth) * half_c / bound) ** 2)),
+    }  # fmt: skip
+
+
+def _ours(capture: xr.Dataset) -> tuple[xr.Dataset, float]:
+    """The estimate of `poisson-ml`, and the median CPU seconds of five calls after a first one."""
+    from ...estimators import run_estimator
+
     run_estimator("poisson-ml", capture)
     runs = []
     for _ in range(5):
         t0 = time.process_time()
         result = run_estimator("poisson-ml", capture)
         runs.append(time.process_time() - t0)
-    ours = float(np.median(runs)) / (rows * cols)
+    return result, float(np.median(runs))
 
-    chosen = rng.choice(rows * cols, peer_pixels, replace=False)
-    begin = starts(rig, counts).reshape(-1, 3)[chosen]
-    data = counts.reshape(rig.slices, -1).T[chosen].astype(np.float64)
+
+def _peer(rig: GaussianRig, begin: Float, data: Float) -> tuple[Float, float]:
+    """Times in ns by `curve_fit` from the starts `begin`, one pixel after the other, and CPU seconds per pixel."""
+    from scipy.optimize import curve_fit
+
     t, sigma, height = rig.delay_s * 1e9, rig.sigma_s * 1e9, rig.part_s / rig.sigma_s
     centre = rig.centre_s * 1e9
 
@@ -89,23 +113,11 @@ def compare(
         return out
 
     errors = [np.sqrt(np.maximum(model(t, *s), 1.0)) for s in begin]
-    found = np.empty(peer_pixels)
+    found = np.empty(len(data))
     t0 = time.process_time()
-    for i in range(peer_pixels):
+    for i in range(len(data)):
         found[i] = curve_fit(model, t, data[i], p0=begin[i], sigma=errors[i], jac=jacobian, absolute_sigma=True)[0][0]
-    peer = (time.process_time() - t0) / peer_pixels
-
-    truth = tau.reshape(-1)[chosen]
-    bound = poisson_bound(rig, truth, signal_e, background_e)
-    half_c = C_M_PER_S / 2 / rig.group_index
-    estimate = result["range"].values.reshape(-1)[chosen]
-    return {
-        "slices": rig.slices, "pixels": rows * cols, "peer_pixels": peer_pixels, "signal_e": signal_e,
-        "background_e": background_e, "smooth": smooth, "poisson_ml_cpu_s": ours, "curve_fit_cpu_s": peer,
-        "ratio": peer / ours, "valid": float(result["valid"].values.mean()),
-        "poisson_ml_efficiency": float(1 / np.mean(((estimate - truth * half_c) / bound) ** 2)),
-        "curve_fit_efficiency": float(1 / np.mean(((found * 1e-9 - truth) * half_c / bound) ** 2)),
-    }  # fmt: skip
+    return found, (time.process_time() - t0) / len(data)
 
 
 def main() -> None:

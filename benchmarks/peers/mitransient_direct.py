@@ -38,6 +38,7 @@ from ...scenes.load import load_scene
 from ...scenes.medium_index import group_index
 from ...scenes.meshes import shape_mesh
 from ...scenes.rigs.gated import gated_rig
+from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 
@@ -80,6 +81,12 @@ def bunny_scene(mesh: str | None, size: int) -> Scene:
     )
 
 
+def _fov_deg(camera: Camera) -> float:
+    """Field of view along x: between the outer edges of the pixels."""
+    half_width = camera.cols * camera.pixel_pitch_m / 2
+    return float(np.rad2deg(2 * np.arctan(half_width / camera.focal_length_m)))
+
+
 class MitransientDirect:
     """The peer: mitransient's `transient_path`, depth 2, box filter, histogram bins of σ_R/4, then the same gates."""
 
@@ -99,9 +106,7 @@ class MitransientDirect:
         self.bins = int(np.ceil((last - first) / bin_s))
         centre = first + bin_s * (np.arange(self.bins) + 0.5)
         self.gates = lookup(table, centre[:, None] - delays[None, :]).astype(np.float32)
-        # fov spans the outer edges of the pixels along x.
-        half_width = rig.camera.cols * rig.camera.pixel_pitch_m / 2
-        fov = float(np.rad2deg(2 * np.arctan(half_width / rig.camera.focal_length_m)))
+        fov = _fov_deg(rig.camera)
         parts: dict[str, Any] = {
             "type": "scene",
             "integrator": {"type": "transient_path", "max_depth": 2, "temporal_filter": "box"},
@@ -111,25 +116,17 @@ class MitransientDirect:
         self.bands = max(1, -(-self.rows * self.cols * self.bins * 4 // _BAND_BYTES))
         height = -(-self.rows // self.bands)
         for band, first_row in enumerate(range(0, self.rows, height)):
-            parts[f"sensor{band}"] = {
-                "type": "perspective",
-                "fov": fov,
-                "fov_axis": "x",
-                "principal_point_offset_y": 0.5 - (self.rows / 2 - first_row) / min(height, self.rows - first_row),
-                "near_clip": 1e-4,  # path length is measured from the near plane
-                "far_clip": 100.0,
-                # Looking along z with y down: Mitsuba's film mirrors x, so x right, y down needs "up" = −y.
-                "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
+            rows = min(height, self.rows - first_row)
+            parts[f"sensor{band}"] = self._sensor(first_row, rows, fov) | {
                 "film": {
                     "type": "transient_hdr_film",
                     "width": self.cols,
-                    "height": min(height, self.rows - first_row),
+                    "height": rows,
                     "temporal_bins": self.bins,
                     "bin_width_opl": float(bin_s * per_second),
                     "start_opl": float(first * per_second),
                     "rfilter": {"type": "box"},
                 },
-                "sampler": {"type": "independent"},
             }
         for number, item in enumerate(scene.target):
             assert item.material.kind == "lambert"
@@ -153,6 +150,20 @@ class MitransientDirect:
             trimesh.Trimesh(vertices, faces, process=False).export(file)
             parts[f"o{number}"] = {"type": "ply", "filename": file, "face_normals": True, "bsdf": bsdf}
         self.scene = mi.load_dict(parts, parallel=False)
+
+    def _sensor(self, first_row: int, rows: int, fov: float) -> dict[str, Any]:
+        """The camera of one band of rows, without its film."""
+        return {
+            "type": "perspective",
+            "fov": fov,
+            "fov_axis": "x",
+            "principal_point_offset_y": 0.5 - (self.rows / 2 - first_row) / rows,
+            "near_clip": 1e-4,  # path length is measured from the near plane
+            "far_clip": 100.0,
+            # Looking along z with y down: Mitsuba's film mirrors x, so x right, y down needs "up" = −y.
+            "to_world": self._mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
+            "sampler": {"type": "independent"},
+        }
 
     def run(self, samples: int, seed: int) -> tuple[NDArray[np.float32], float]:
         """Stack (slices, pixels) in units of the peer (radiance per unit intensity), and seconds of rendering."""
@@ -304,18 +315,29 @@ def compare(mesh: str | None, size: int, counts: list[int], seeds: int, referenc
         {"rtol": rtol, "epsilon": e, "relative_cost": s / ours_at[1e-2][1]} for rtol, (e, s) in ours_at.items()
     ]
     for epsilon in (0.01, 0.0015):
-        reached = [s for e, s in ours_at.values() if e <= epsilon]
-        options = []
-        for divisor, ns, e2, cost in fits:
-            seconds, floor, remark = equal_error_cost(ns, e2, cost, epsilon)
-            options.append((seconds, f"sigma/{divisor}", floor, remark))
-        seconds, label, floor, remark = min(options)
-        result[f"at_{epsilon:g}"] = {
-            "ratio": seconds / min(reached) if reached and np.isfinite(seconds) else None,
-            "peer_bin": label, "peer_floor": floor, "remark": remark if reached else "ours unreached",
-            "floors": {o[1]: o[2] for o in options},
-        }  # fmt: skip
+        result[f"at_{epsilon:g}"] = _at_equal_error(epsilon, list(ours_at.values()), fits)
     return result
+
+
+def _at_equal_error(
+    epsilon: float, ours_at: list[tuple[float, float]], fits: list[tuple[int, Float, Float, Float]]
+) -> dict[str, Any]:
+    """Ratio of costs at error `epsilon`, of the peer's best width of bins.
+
+    Main arguments:
+        ours_at: (error, seconds) of ours. fits: (divisor of σ, samples, squared errors, seconds) of the peer's runs.
+    """
+    reached = [s for e, s in ours_at if e <= epsilon]
+    options = []
+    for divisor, ns, e2, cost in fits:
+        seconds, floor, remark = equal_error_cost(ns, e2, cost, epsilon)
+        options.append((seconds, f"sigma/{divisor}", floor, remark))
+    seconds, label, floor, remark = min(options)
+    return {
+        "ratio": seconds / min(reached) if reached and np.isfinite(seconds) else None,
+        "peer_bin": label, "peer_floor": floor, "remark": remark if reached else "ours unreached",
+        "floors": {o[1]: o[2] for o in options},
+    }  # fmt: skip
 
 
 def main() -> int:

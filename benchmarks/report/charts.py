@@ -270,6 +270,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def finished(chart: Any, *, page: bool) -> dict[str, Any]:
+    """The spec of a chart with fonts and colours set: those of the page, or dark on white."""
     ink = "currentColor" if page else "#1d2330"
     font = (
         "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif" if page else "DejaVu Sans, Arial, sans-serif"
