@@ -42,7 +42,7 @@ def generate(
     """Generate one capture with its truth.
 
     Main arguments:
-        scene: what is there, and what the rig is declared to be.
+        scene: target, medium, the rig, and what the rig is declared to be.
         seed: with `capture_key`, names every random number.
     Other arguments:
         capture_key: index in a data set; by default the hash of the scene.

@@ -1,4 +1,4 @@
-"""Random numbers that depend on what is drawn, never on who draws it.
+"""Random numbers that depend on what is drawn, never on the worker that draws.
 
 `SeedSequence(seed, spawn_key=(capture_key, stage, block))`: blocks of 16 rows whatever the tiling or the worker.
 """

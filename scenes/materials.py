@@ -1,4 +1,4 @@
-"""Materials: one record per reflection law. A record holds the law's parameters and all that NumPy code asks of the law.
+"""Materials: one record per reflection law. A record holds the law's parameters and all that NumPy code needs of the law.
 
 A law is a class below, listed in `Material`. Its response to light is a function of `optics.reflection`; Mitsuba's form of the
 law is the entry of the same `kind` in `generator.bsdf.laws`. θ is the angle from the surface's normal.

@@ -80,7 +80,7 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
 
 
 def _finite(scene: Scene) -> tuple[float, str]:
-    """What finite lens and lamp change of the direct light at full resolution, and how that was found."""
+    """What finite lens and lamp change of the direct light at full resolution, and the basis of that number."""
     return finite_size(scene, render_direct(scene, 1e-2)) if is_finite(scene) else (0.0, "")
 
 
@@ -100,7 +100,7 @@ def _by_size(scene: Scene, rtol: Rtol, finite: float, how: str) -> Choice:
 
 
 def _enough(pilot: Pilot, rtol: Rtol) -> tuple[Traced, float]:
-    """Trace until every rung's error is decided; what was found, and the limit."""
+    """Trace until every rung's error is decided; the last round, and the limit."""
     traced, limit = None, 0.0
     aim = 0.01 if rtol == "noise" else float(rtol)
     for traced in pilot.rounds(0.2 * aim, SAMPLING * aim, rtol == "noise"):
@@ -133,7 +133,7 @@ def _passes(traced: Traced, name: str, limit: float, noise: bool) -> bool:
 
 
 def _sizes(pilot: Pilot, traced: Traced, closed_form: float | None, goal: float) -> dict[str, float]:
-    """Sizes of effects that the pilot tells."""
+    """Sizes of effects by the pilot."""
     if pilot.scene.medium.scattering_per_m == 0:
         return {"interreflection": traced.errors["direct"][0]}
     return {"interreflection": 0.0 if closed_form == 0.0 else pilot.interreflection(goal)}

@@ -56,7 +56,7 @@ class DirectScene:
 
 @dataclass(frozen=True, eq=False)
 class _Image:
-    """Rays through the centres of an image's pixels and of one ring around it, which tells of edges in the outermost pixels:
+    """Rays through the centres of an image's pixels and of one ring around it, which shows edges in the outermost pixels:
     their `direction` (3, n), `hits` and `echo`, flat over `ring` = (rows + 2, cols + 2). `probed`: flat pixels with several
     rays each, and the echoes of these, `probes` (pixel, ray) flat."""
 

@@ -30,7 +30,7 @@ _HALO_RTOL = 0.02
 
 @dataclass(frozen=True, eq=False)
 class _Light:
-    """The light of a capture. `electrons` (slice, row, col): all of it, without dark current; `background`: what tells of other
+    """The light of a capture. `electrons` (slice, row, col): all of it, without dark current; `background`: what carries other
     ranges than the pixel's own, (slice, row, col), or (slice) where it is even over the image."""
 
     electrons: Stack

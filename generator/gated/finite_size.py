@@ -2,10 +2,10 @@
 
 The lens blurs what lies out of focus over a disc of radius ρ = (f/2N) abs(1/z − 1/z_f) f/p pixels, the circle of confusion. The
 image is taken apart by range, because an edge between two ranges changes times where it does not change brightness; each
-part is blurred by its disc, its light taken as even over each pixel, and the change is told relative to the image, rms.
+part is blurred by its disc, its light taken as even over each pixel, and the change is stated relative to the image, rms.
 What a surface in front hides, and light from beyond the image, is not followed.
 
-The lamp is asked at points of its disc, by rays: each gives light ∝ I(θ) cosθ_i e^(−cr)/r² (a surface is as bright from any
+The lamp is sampled at points of its disc, by rays: each gives light ∝ I(θ) cosθ_i e^(−cr)/r² (a surface is as bright from any
 distance), later by δ than the middle. With m₀ the change of the light, m₁ = ⟨δ⟩ and m₂ = ⟨δ²⟩ weighed by light, the change of an
 echo R is m₀ R − m₁ R' + m₂ R''/2, its square
 
@@ -38,7 +38,7 @@ Float = NDArray[np.float64]
 
 #: Parts of the image by range, each at least a σ of R deep.
 _MOST_PARTS = 24
-#: Points of the lamp, and pixels at which they are asked.
+#: Points of the lamp, and pixels at which they are traced.
 _LAMP_POINTS = 32
 #: Points of the circle of confusion.
 _DISC_POINTS = 2048
@@ -52,7 +52,7 @@ def is_finite(scene: Scene) -> bool:
 
 
 def finite_size(scene: Scene, direct: DirectScene, tracer: Tracer | None = None) -> tuple[float, str]:
-    """(change of the stack relative to the stack, rms; how it was found): 0 where lens and lamp are points."""
+    """(change of the stack relative to the stack, rms; basis): 0 where lens and lamp are points."""
     if not is_finite(scene):
         return 0.0, "point source and pinhole, as the scene says"
     blur, radius = defocus_size(scene, direct)

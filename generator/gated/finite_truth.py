@@ -21,8 +21,8 @@ __all__ = ["finite_truth"]
 Float = NDArray[np.float64]
 
 
-def finite_truth(scene: Scene, truth: dict[str, Any], found: FiniteLight) -> dict[str, Any]:
-    """Truth that a finite lens and lamp change: `truth` of the direct rung, with what was found by tracing.
+def finite_truth(scene: Scene, truth: dict[str, Any], traced: FiniteLight) -> dict[str, Any]:
+    """Truth that a finite lens and lamp change: `truth` of the direct rung, with what the paths give.
 
     truth_amplitude is all light that meets one surface on its way, at an open gate; truth_first and truth_last are half of the
     shortest and the longest path less what the lamp's place adds at the pixel's centre, those of the direct rung included (points
@@ -35,11 +35,11 @@ def finite_truth(scene: Scene, truth: dict[str, Any], found: FiniteLight) -> dic
     point = pixel_directions(rig.camera, row, col) * distance
     lamp = np.asarray(rig.laser.position_m, np.float64)[:, None, None]
     beside = np.nan_to_num(0.5 * (np.sqrt(np.sum((point - lamp) ** 2, axis=0)) - distance))
-    first = np.fmin(truth["truth_first"], 0.5 * found.first_m - beside)
-    last = np.fmax(truth["truth_last"], 0.5 * found.last_m - beside)
+    first = np.fmin(truth["truth_first"], 0.5 * traced.first_m - beside)
+    last = np.fmax(truth["truth_last"], 0.5 * traced.last_m - beside)
     return {
         # Where hardly any light is left, the difference leaves its noise.
-        "truth_amplitude": np.maximum(truth["truth_amplitude"] + found.amplitude, 0.0),
+        "truth_amplitude": np.maximum(truth["truth_amplitude"] + traced.amplitude, 0.0),
         "truth_first": first,
         "truth_last": last,
         "truth_mixed": np.nan_to_num(last - first) > MIXED_FRACTION * response_width_s(scene)[1] * half,

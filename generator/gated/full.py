@@ -4,7 +4,7 @@ The path-traced rest is gathered once as a histogram over time, from which the s
 keeps three moments of its light (sum, mean time, spread), so it is rendered by the same two-point rule as the returns of
 the direct rung: bins of a quarter of R's σ then err by less than 1e-5, where plain bins would add δt²/12 of variance.
 
-Two independent halves of the samples tell the error of the stack; sampling goes on until that meets what was asked for.
+Two independent halves of the samples give the error of the stack; sampling goes on until that meets the request.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Remainder:
     open gate of the paths' light inside the window of times; `sigma` (rows, cols): standard error of all that is traced, of the
     differences too (the water's shadow, finite lens and lamp); `halves` (2, slices, rows, cols): two independent estimates
     whose mean is `light`; `epsilon`: standard error of the stack relative to the whole stack, sqrt(Σ variance / Σ (direct +
-    remainder)²); `samples` per pixel; `parts`: where asked for, the stacks "interreflection", "single", "multiple" and "direct"
+    remainder)²); `samples` per pixel; `parts`: on request, the stacks "interreflection", "single", "multiple" and "direct"
     (what finite lens and lamp change), whose sum is `light`; `finite`: what they change of the pixels' own light. Where
     lens or lamp are finite there is always "direct" and `finite`, otherwise `finite` is None."""
 
@@ -151,7 +151,7 @@ def render_remainder(
     Other arguments:
         component: "all"; or for tests one of "interreflection", "multiple" (light with scattering, other than single) and "single",
             which is then path-traced too, while "all" takes it from its quadrature.
-        limits: samples and memory; where the samples do not suffice, `reached` is False and `epsilon` tells.
+        limits: samples and memory; where the samples do not suffice, `reached` is False and `epsilon` is the error that is left.
         world: reuse an earlier one (same scene).
         parts: also keep the stacks of "all" apart.
 
@@ -180,13 +180,13 @@ def render_remainder(
         wanted = max(wanted, 1)
     light, amplitude, sigma = run.result()
     halves = (run.half / np.float32(run.samples / 2)).reshape(2, *light.shape) + known
-    found = {name: part.reshape(light.shape) / np.float32(run.samples) for name, part in run.part.items()}
+    stacks = {name: part.reshape(light.shape) / np.float32(run.samples) for name, part in run.part.items()}
     if parts:
-        found["single"] += known
+        stacks["single"] += known
     finite = run.finite_light()
     if finite is not None:
         sigma = np.hypot(sigma, finite.sigma)
-    return Remainder(light + known, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol, found, finite)
+    return Remainder(light + known, amplitude, sigma, halves, epsilon, run.samples, epsilon <= rtol, stacks, finite)
 
 
 def add_remainder(
@@ -195,39 +195,39 @@ def add_remainder(
 ) -> tuple[NDArray[np.float32], dict[str, Any], dict[str, NDArray[Any]]]:  # fmt: skip
     """Add the remainder to `light` (slices, rows, cols), which holds the direct rung and the `ambient` light (slices).
 
-    Returns the background (slices, rows, cols), to which the remainder belongs because its times tell of other ranges
+    Returns the background (slices, rows, cols), to which the remainder belongs because its times carry other ranges
     than the pixel's own, except for what finite lens and lamp change: that is the pixel's own light, as is the direct rung's,
-    whose truth `own` tells; what the capture records of it: samples, standard errors, whether rtol was reached; and truth:
+    whose truth is `own`; what the capture records of it: samples, standard errors, whether rtol was reached; and truth:
     the standard error of each pixel, what becomes of `own`, and with `parts` the stacks that `light` is the sum of.
     """
     level = ambient.astype(np.float32)[:, None, None]
     slices = Slices(delay_s, scale, gate, gate_offset(scene))
     direct = light - level
-    found = render_remainder(scene, direct, slices, rtol, seed, capture_key, parts=parts)
-    background = level + found.light
-    light += found.light
-    if found.finite is not None:
-        background = np.maximum(background - found.parts["direct"], level)
+    rest = render_remainder(scene, direct, slices, rtol, seed, capture_key, parts=parts)
+    background = level + rest.light
+    light += rest.light
+    if rest.finite is not None:
+        background = np.maximum(background - rest.parts["direct"], level)
     # Where a finite lens darkens a pixel to nothing, the difference leaves its noise.
-    np.maximum(light, level if found.finite is None else background, out=light)
-    told = {
-        "samples_per_pixel": found.samples,
-        "standard_error": found.epsilon,
-        "reached": found.reached,
-        "remainder_electrons": float(found.amplitude.mean()),
+    np.maximum(light, level if rest.finite is None else background, out=light)
+    record = {
+        "samples_per_pixel": rest.samples,
+        "standard_error": rest.epsilon,
+        "reached": rest.reached,
+        "remainder_electrons": float(rest.amplitude.mean()),
         "remainder_standard_error_electrons": {
-            "median": float(np.median(found.sigma)), "largest": float(found.sigma.max()),
+            "median": float(np.median(rest.sigma)), "largest": float(rest.sigma.max()),
         },
     }  # fmt: skip
-    truth: dict[str, NDArray[Any]] = {"truth_standard_error": found.sigma}
-    if found.finite is not None:
-        truth |= finite_truth(scene, own, found.finite)
+    truth: dict[str, NDArray[Any]] = {"truth_standard_error": rest.sigma}
+    if rest.finite is not None:
+        truth |= finite_truth(scene, own, rest.finite)
     if parts:
-        stacks = found.parts | {"direct": found.parts["direct"] + direct}
-        if found.finite is not None:
+        stacks = rest.parts | {"direct": rest.parts["direct"] + direct}
+        if rest.finite is not None:
             stacks["direct"] = light - background
         truth |= {f"truth_{name}": part for name, part in stacks.items()}
-    return background, told, truth
+    return background, record, truth
 
 
 class _Run:
@@ -333,10 +333,10 @@ class _Run:
         if not len(returns.tau):
             return
         for number, table in enumerate(self.tables):
-            mine = np.flatnonzero(self.slices.gate == number)
-            part = np.empty((len(mine), pixels.stop - pixels.start), dtype=np.float32)
-            render_stack(returns, table, self.slices.delay_s[mine], self.slices.scale[mine], offset, part)
-            stack[mine, pixels] += np.float32(sign) * part
+            own = np.flatnonzero(self.slices.gate == number)
+            part = np.empty((len(own), pixels.stop - pixels.start), dtype=np.float32)
+            render_stack(returns, table, self.slices.delay_s[own], self.slices.scale[own], offset, part)
+            stack[own, pixels] += np.float32(sign) * part
 
     def variance(self) -> float:
         """Σ over samples of the stack of the variance of the mean of both halves: E(A − B)²/4."""

@@ -59,17 +59,17 @@ def cheap_stacks(scene: Scene, key: int = 0) -> dict[str, Stack]:
         light, ambient = expected_electrons(scene, direct, coords, 0, key)
         return light - ambient.astype(np.float32)[:, None, None]
 
-    found = {"direct": stack(render_direct(scene, 1e-3))}
+    stacks = {"direct": stack(render_direct(scene, 1e-3))}
     if scene.medium.scattering_per_m > 0:
         scatter = render_scatter(scene, 1e-3)
         veil = scattered_electrons(scene, scatter, coords["gate"], *slice_settings(scene, coords, 0, key))
-        found["scatter"] = stack(scatter.direct) + veil
-    return found
+        stacks["scatter"] = stack(scatter.direct) + veil
+    return stacks
 
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """What a round of paths tells. `errors`: (ε, low, high) of the rungs below the full one; `full`: standard error that
+    """What a round of paths gives. `errors`: (ε, low, high) of the rungs below the full one; `full`: standard error that
     the full rung is left with when its paths are used up; `paths` per pixel; `noise`: rms of the detector's noise over the
     signal's; `task`: task errors of the rungs."""
 

@@ -5,7 +5,7 @@ The way back: the unscattered share e^{−cr} stays in its pixel, the rest is a 
 kernels that follow range. The backscatter ramp: one turn by a large angle, by quadrature along every pixel's ray up to
 the target, with forward scattering on both ways and the mean turn of light that arrives askew. All times run at the group velocity.
 
-Delays. Light turned on its way is longer on it (`optics.scatter_delay`): the return is split into straight light and groups
+Delays. Light turned on its way is longer on it (`optics.water.delay`): the return is split into straight light and groups
 that come later, by the share X/(I + X) turned on the way out; halo light comes in groups too. The halo's strength is that
 of the exact triangle and of a matt target's slant, a few percent below the small-angle picture's.
 
@@ -18,8 +18,8 @@ large angles, light between surfaces, and shadows in the halo.
 
 Truth. `truth_amplitude` counts the return that carries the pixel's own range: light that reached the surface directly or
 scattered, came back unscattered or scattered into the same pixel. Halo from other pixels and the ramp are part of
-`truth_background` (slice, row, col): their times tell of other ranges. `truth_halo` (row, col) is the halo's light at an open
-gate: it moves with the target as a whole, and so tells of range to estimators that do (docs/decisions/0017).
+`truth_background` (slice, row, col): their times carry other ranges. `truth_halo` (row, col) is the halo's light at an open
+gate: it moves with the target as a whole, and so carries range for estimators that use it (docs/decisions/0017).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class ScatterScene:
 
 
 class _Outbound:
-    """I ⊗ h of the way out as `echoes` asks for it; tabulated over the ranges of its first, full set of rays."""
+    """I ⊗ h of the way out, as `echoes` takes it; tabulated over the ranges of its first, full set of rays."""
 
     def __init__(self, scene: Scene, view: View[RoundBeam], phase: PhaseFunction) -> None:
         self._scene, self._lamp, self._phase = scene, view.lamp, phase
@@ -178,9 +178,9 @@ def scattered_electrons(
     # The gate opens at the pixel where the halo lands; it is taken to open as at the pixel that it comes from.
     wide_offset = None if offset is None else np.pad(offset, halo.margin, mode="edge")
     for number, table in enumerate(tables):
-        mine = np.flatnonzero((gate == number) & (scale > 0))
-        for begin in range(0, len(mine), _BATCH):
-            part = mine[begin : begin + _BATCH]
+        own = np.flatnonzero((gate == number) & (scale > 0))
+        for begin in range(0, len(own), _BATCH):
+            part = own[begin : begin + _BATCH]
             stack = np.empty((len(part), shape[0] * shape[1]), dtype=np.float32)
             render_stack(wide, table, delay_s[part], scale[part], wide_offset, stack)
             for k, image in zip(part, stack.reshape(-1, *shape), strict=True):

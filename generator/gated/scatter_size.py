@@ -144,7 +144,7 @@ def delay_size(scene: Scene, phase: PhaseFunction, range_m: float, depth_s: floa
 
 
 def multiple_size(delay: float) -> float:
-    """What halo, delay and ramp do not tell of light that turned several times: about half the delay's size `delay`.
+    """What halo, delay and ramp leave out of light that turned several times: about half the delay's size `delay`.
 
     Not a bound: near the median of traced paths against the `scatter` rung on drawn dark walls. Several turns by large
     angles, the slant of scattered light at the target, and delays of the ramp are in it.

@@ -25,7 +25,7 @@ __all__ = ["behind_screen"]
 def behind_screen(scene: Scene, direct: DirectScene, rtol: float) -> tuple[DirectScene, DirectScene]:
     """(target, screen): the direct light of the target as the screen lets it through, and that of the screen itself.
 
-    The truth stays the target's; the screen's light tells of another range, and belongs to `truth_background`.
+    The truth stays the target's; the screen's light carries another range, and belongs to `truth_background`.
 
     Raises:
         InputError: no screen, or a laser apart from the camera, whose light would not come back through the same holes.

@@ -7,7 +7,7 @@ A lane owns one pixel, and draws its samples one after the other. So no two lane
 whatever the threads, and equal seeds give equal bits. Paths that end are replaced at once, so that lanes stay busy.
 
 In water a path from the camera hardly ever finds its way to the lamp through narrow turns. So each event that is the farthest
-from the lamp since the last surface is also given the light of a chain of scatterings from the lamp (`path_chain`),
+from the lamp since the last surface is also given the light of a chain of scatterings from the lamp (`chain`),
 which needs no luck. A path whose farthest event since the last surface is not its last one can be made both ways, by the
 lamp's direct answer at the last event or by a chain at the farthest; each is weighted by its density over the sum of both
 (Veach's balance heuristic), so that neither narrow turns nor events close to the lamp weigh much.

@@ -43,7 +43,7 @@ def single_electrons(
     if scene.medium.scattering_per_m == 0.0:
         return np.zeros((len(delay_s), rows, cols), dtype=np.float32)
     phase = scene.medium.phase
-    assert phase is not None  # PathWorld.of has asked for it
+    assert phase is not None  # PathWorld.of refuses a medium without one
     fine = camera.model_copy(
         update={"rows": rows * _RAYS, "cols": cols * _RAYS, "pixel_pitch_m": camera.pixel_pitch_m / _RAYS}
     )

@@ -51,7 +51,7 @@ class Raster:
 
 
 def _pyrender() -> Any:
-    # pyrender 0.1.45 was written for NumPy 1 and asks for this name.
+    # pyrender 0.1.45 was written for NumPy 1 and needs this name.
     vars(np).setdefault("infty", np.inf)
     linux = sys.platform.startswith("linux")
     if linux:
@@ -108,7 +108,7 @@ def rasterise(scene: Scene, view: RasterView, light_m: tuple[float, float, float
     """Rasterise the target.
 
     Main arguments:
-        scene: what is there.
+        scene: its target.
         view: the camera; `light_m`: position of a white point light (`lit`), which casts no shadow.
 
     Raises:
@@ -171,7 +171,7 @@ def _primitive(pyrender: Any, vertices: Float, faces: NDArray[np.int64], materia
     corner, normal = corner[keep], normal[keep] / length[keep, None]
     away = np.einsum("fi,fi->f", normal, corner.mean(axis=1)) > 0
     normal[away] *= -1.0
-    corner[away] = corner[away, ::-1]  # pyrender culls by winding in the pass that tells objects apart
+    corner[away] = corner[away, ::-1]  # pyrender culls by winding in the pass that numbers the objects
     grey, rough = material.look()
     return pyrender.Primitive(
         positions=(corner.reshape(-1, 3) @ _AXES[:3, :3]).astype(np.float32),

@@ -48,7 +48,7 @@ _SHOTS = 64
 #: Cells of the ramp: at most this share of their range long, at most this many.
 _CELL_SHARE = 0.08
 _MOST_CELLS = 4096
-#: Scattering lengths after which halos are no longer told apart.
+#: Scattering lengths after which halos no longer change.
 _MOST_LENGTHS = 60.0
 
 

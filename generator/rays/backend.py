@@ -1,7 +1,7 @@
 """Load drjit and Mitsuba with a libLLVM that works, before anything else imports them.
 
 drjit finds libLLVM at its first import; set too late, `DRJIT_LIBLLVM_PATH` is silently ignored, and Debian's libLLVM 14 and 15
-abort the process. The `karellen-llvm-core` wheel carries a recent one; its files are found through the wheel's own
+abort the process. The `karellen-llvm-core` wheel carries a recent one; its files are located by the wheel's own
 record (never sys.prefix), and its C++ runtime is loaded first because the wheel's library does not name a path to it.
 """
 
@@ -66,7 +66,7 @@ def _mapped_llvm() -> str | None:
 
 @lru_cache(maxsize=1)
 def load() -> dict[str, Any]:
-    """Import drjit and Mitsuba, choose the fastest mono variant that works, and tell what was loaded.
+    """Import drjit and Mitsuba, choose the fastest mono variant that works, and report what was loaded.
 
     Returns a dict: `variant`, `llvm_version` (tuple or None), `llvm_path` (mapped file or None), `llvm_source`
     ("user", "wheel", "system", "imported-before"), `cuda` (bool), `mitsuba`, `drjit` (versions).

@@ -48,10 +48,10 @@ def reflected(scene: Scene, hits: Hits, a: Angles, wanted: NDArray[np.bool_]) ->
     """Response f·cosθi [1/sr] of what each ray hits, at the angles; 0 where not `wanted` (n)."""
     out = np.zeros_like(hits.distance)
     for number, item in enumerate(scene.target):
-        mine = wanted & (hits.target == number)
-        if mine.any():
-            part = Angles(a.cos_i[mine], a.cos_o[mine], a.cos_h[mine], a.cos_d[mine], a.cos_r[mine])
-            out[mine] = textured_response(item, part, hits.shade[mine])
+        own = wanted & (hits.target == number)
+        if own.any():
+            part = Angles(a.cos_i[own], a.cos_o[own], a.cos_h[own], a.cos_d[own], a.cos_r[own])
+            out[own] = textured_response(item, part, hits.shade[own])
     return out
 
 

@@ -1,7 +1,7 @@
 """Lamps: where light leaves from and how much goes in each direction, once for NumPy and once for drjit.
 
-Light transport asks a lamp for `position_m` and `intensity(direction)` only, so that a lamp may have any shape; what follows a
-beam scattered by water also needs that it is the same all around its axis, which is a `RoundBeam`.
+Light transport uses `position_m` and `intensity(direction)` of a lamp only, so that a lamp may have any shape; what follows a
+beam scattered by water also needs that it is the same all around its axis: a `RoundBeam`.
 """
 
 from __future__ import annotations

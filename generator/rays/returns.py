@@ -87,8 +87,8 @@ def _order(pixels, pixel, amplitude, tau):  # type: ignore[no-untyped-def]
     for p in range(pixels):
         begin, end = start[p], start[p + 1]
         if end - begin > 48:
-            mine = order[begin:end].copy()
-            order[begin:end] = mine[np.argsort(tau[mine], kind="mergesort")]
+            own = order[begin:end].copy()
+            order[begin:end] = own[np.argsort(tau[own], kind="mergesort")]
         else:
             for a in range(begin + 1, end):
                 index = order[a]
@@ -173,12 +173,12 @@ def render_stack(
     # Single precision holds a time to 6e-8 of the span it is counted from: long records go in pieces.
     piece = np.floor((shift - shift.min(initial=np.inf)) / (_PIECE * width)) if len(shift) else shift
     for number in np.unique(piece):
-        mine = np.flatnonzero(piece == number)
-        whole = mine.size == len(shift)
-        part = out if whole else np.empty((mine.size, len(count)), dtype=np.float32)
-        _render_singles(returns, single, shift[mine], step, width, gain[mine], offset, fine, part)
+        own = np.flatnonzero(piece == number)
+        whole = own.size == len(shift)
+        part = out if whole else np.empty((own.size, len(count)), dtype=np.float32)
+        _render_singles(returns, single, shift[own], step, width, gain[own], offset, fine, part)
         if not whole:
-            out[mine] = part
+            out[own] = part
     several = np.flatnonzero(count > 1)
     if len(several):
         _several_returns(

@@ -1,9 +1,9 @@
 """Where one ray through the pixel's centre is not enough, and how many are.
 
-A smooth pixel is exact to second order from its centre ray and the tangent plane there. Neighbours tell where that
+A smooth pixel is exact to second order from its centre ray and the tangent plane there. Neighbours show where that
 fails: depth edges, facet edges, shadow and beam edges, creases, steep tilt. A regular n×n grid over such a pixel errs by
 about q/n^1.5 (a regular grid of 64 equals about 730 random samples), q being the error of the centre ray alone. Rays are
-shared out so that the stack's ε meets what was asked for at the least number of rays: minimising Σn² under
+shared out so that the stack's ε meets the request with the fewest rays: minimising Σn² under
 Σ w²q²/n³ = rtol² Σw² gives n ∝ (w q)^(2/5).
 """
 

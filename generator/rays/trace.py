@@ -140,16 +140,16 @@ class Tracer:
         """Values of the textures where rays hit; `uv` (2, n) of meshes, by Mitsuba."""
         shade = np.ones(distance.size)
         for number, image in self._textures.items():
-            mine = target == number
-            if not mine.any():
+            own = target == number
+            if not own.any():
                 continue
             shape = self._objects[number].shape
             if isinstance(shape, MeshFile):
-                u, v = uv[:, mine]
+                u, v = uv[:, own]
             else:
-                point = np.asarray(origin)[:, None] + direction[:, mine] * distance[mine]
+                point = np.asarray(origin)[:, None] + direction[:, own] * distance[own]
                 u, v = surface_uv(shape, point)
-            shade[mine] = bilinear(image, u, v, around=isinstance(shape, Sphere))
+            shade[own] = bilinear(image, u, v, around=isinstance(shape, Sphere))
         return shade
 
     def visible(self, point: Float, toward: tuple[float, float, float]) -> NDArray[np.bool_]:

@@ -127,11 +127,11 @@ def backscatter_electrons(
     limit = np.where(np.isfinite(target_range_m), target_range_m, np.inf).ravel()
     level, which = _levels(late, _rise_s(tables))
     for number, shift in enumerate(level):
-        mine = np.flatnonzero(which == number) if late.size > 1 else np.arange(rows * cols)
-        if mine.size:
-            rays = (np.ascontiguousarray(direction[:, mine]), per_radiance[mine] + 0.0, limit[mine])
-            left = late[mine] - shift if late.size > 1 else np.zeros(mine.size)
-            _add_level(scene, view, sight, water, rays, shift, left, forward, mine, out)
+        own = np.flatnonzero(which == number) if late.size > 1 else np.arange(rows * cols)
+        if own.size:
+            rays = (np.ascontiguousarray(direction[:, own]), per_radiance[own] + 0.0, limit[own])
+            left = late[own] - shift if late.size > 1 else np.zeros(own.size)
+            _add_level(scene, view, sight, water, rays, shift, left, forward, own, out)
     return out.reshape(-1, rows, cols)
 
 
