@@ -52,7 +52,7 @@ def test_resume_goes_on_with_the_same_captures_only(tmp_path: Path) -> None:
     interrupt(path, "flat-wall", [1, 2, 3], after=2)
     begun = (path.with_name("r.zarr.partial") / "journal.jsonl").read_bytes()
     others: list[tuple[str, dict[str, Any], str]] = [
-        ("sphere", {"seeds": [1, 2, 3]}, "of scene 'flat-wall'"),
+        ("sphere", {"seeds": [1, 2, 3]}, "its scene is 'flat-wall', not 'sphere'"),
         ("flat-wall", {"seeds": [1, 9, 3]}, "capture 1: its seed is 2, not 9"),
         ("flat-wall", {"seeds": [1]}, "only 1 captures are requested"),
         ("flat-wall", {"seeds": [1, 2, 3], "rtol": 0.01}, "rtol"),
@@ -74,7 +74,7 @@ def test_resume_of_a_complete_store_leaves_it(tmp_path: Path, capsys: pytest.Cap
     before = (path / "manifest.json").stat().st_mtime_ns
     beambench.generate("flat-wall", overrides=SMALL, seeds=[1, 2], out=path, resume=True)
     assert (path / "manifest.json").stat().st_mtime_ns == before
-    with pytest.raises(InputError, match="of scene"):
+    with pytest.raises(InputError, match="its scene is 'flat-wall', not 'sphere'"):
         beambench.generate("sphere", overrides=SMALL, seeds=[1, 2], out=path, resume=True)
     with pytest.raises(InputError, match="fewer captures"):
         beambench.generate("flat-wall", overrides=SMALL, seeds=[1, 2, 3], out=path, resume=True)

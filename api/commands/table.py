@@ -43,9 +43,10 @@ _GROUPS = {
 def register(app: App) -> None:
     """Add all commands to the command line."""
     groups = {"": app}
-    for name, (place, text) in _GROUPS.items():
-        groups[name] = App(name=name, help=text, sort_key=place)
-        app.command(groups[name])
     for words, (place, home) in _COMMANDS.items():
         group, _, name = words.rpartition(" ")
+        if group not in groups:
+            place_of_group, text = _GROUPS[group]
+            groups[group] = App(name=group, help=text, sort_key=place_of_group)
+            app.command(groups[group])
         groups[group].command(f"{__package__}.{home}", name=name, sort_key=place)

@@ -36,12 +36,12 @@ def break_(
     Main arguments:
         name: The estimator, as name or name[key=value,...].
         neighbours: An estimator to compare with; one of each family by default.
-        scenes: A scene to search, by name or file, the plainest first.
+        scenes: A scene to search, by name or file; give the plainest first.
     Other arguments:
         overrides: {path: value} of every scene.
         side: Rows and columns of the captures.
-        factor: A failure is an error this many times that of the best neighbour, and that of the estimator on the scenes as
-            written.
+        factor: An estimator fails where its error is at least this many times that of the best neighbour, and its own error on the
+            unchanged scenes.
         budget: Number of candidates to try before the scene is simplified.
         seed: Random seed of the search and of the captures.
         out: Folder of the results; ./beambench-runs/break-<name>-<time> by default.

@@ -37,7 +37,7 @@ def estimators_check(estimator: str) -> list[LawResult]:
 
     On a small synthetic capture: it repeats itself, does not change its input, follows a shift of the delays, does not depend
     on the order of pixels, and returns finite or invalid results near every singularity. A plug-in is tried in a
-    process of its own: if it ends that process, or takes longer than `laws.trial.LAW_LIMIT_S` for a law, the law is broken.
+    process of its own: if it ends that process, or takes longer than 120 s for a law, it breaks that law.
 
     Main arguments:
         estimator: The estimator, as name or name[key=value,...].

@@ -31,7 +31,7 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
             return "its scene has the same name and other values"
         if "files" in provenance and provenance["files"] != source_files(scene):
             return "a mesh, grid or texture of its scene has changed since"
-        # For fidelity "auto", some modalities record the chosen rung, others "auto".
+        # For fidelity "auto", earlier captures of some modalities recorded the chosen rung, all others "auto".
         rung, rtol = arguments["fidelity"], arguments["rtol"]
         same_rung = rung == item.fidelity and rtol == item.rtol
         if not same_rung and not (item.fidelity == "auto" and chosen and rung != "auto"):
