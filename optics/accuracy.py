@@ -1,8 +1,9 @@
-"""Signal-to-noise ratio and range accuracy of a gated stack: Eq. 14-17 and 25 of Guo et al. as printed, under their
-numbers, and beside them the forms that hold.
+"""Signal-to-noise ratio and range accuracy of a gated stack: Eq. 14-17 and 25 of Guo et al. 2017 as printed, each named
+by its number, and the corrected forms.
 
-σ is the standard deviation of the correlation R(u) of pulse and gate, in s; intensities are photoelectrons. For a stack
-that is dense against R, photon noise and no background, a weighted average attains c σ/(2 n √N) with N = Σ I_i.
+σ is the standard deviation of the correlation R(u) of pulse and gate, in s; intensities are photoelectrons. Where the
+delay step is small against R, with photon noise only and no background, a weighted average attains c σ/(2 n √N),
+N = Σ I_i.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def snr_eq14(intensity: ArrayLike, noise: ArrayLike) -> Array:
 def snr_eq15(intensity: ArrayLike) -> Array:
     """Eq. 15: SNR = √Σ I_i, over the last axis: Eq. 14 with δI_i² = I_i, so I_i must be counts of photoelectrons.
 
-    The print has (δI_i)² ≈ Iⁱ with the index raised; it is read as I_i, as the next line of the document uses it.
+    The document prints (δI_i)² ≈ Iⁱ, with the index raised; it is read as I_i, as the document's next line uses it.
     """
     return np.asarray(np.sqrt(np.sum(_array(intensity), axis=-1)))
 
@@ -48,9 +49,9 @@ def snr_eq16(sigma_s: ArrayLike, step_s: ArrayLike, maximum: ArrayLike) -> Array
 
 
 def snr_gaussian_stack(sigma_s: ArrayLike, step_s: ArrayLike, maximum: ArrayLike) -> Array:
-    """√(√(2π)·σ/t_step·max(I_i)): Eq. 16 with the factor that it drops, (2π)^¼ = 1.583 in the ratio.
+    """√(√(2π)·σ/t_step·max(I_i)): Eq. 16 with the factor that it omits, (2π)^¼ = 1.583 in the ratio.
 
-    By Poisson summation within 5e-9 from σ = t_step up, and within 1.5 % at σ = t_step/2.
+    Accurate to 5e-9 for σ ≥ t_step (Poisson summation), and to 1.5 % at σ = t_step/2.
     """
     return np.asarray(np.sqrt(_ROOT_2PI) * snr_eq16(sigma_s, step_s, maximum))
 
@@ -58,8 +59,8 @@ def snr_gaussian_stack(sigma_s: ArrayLike, step_s: ArrayLike, maximum: ArrayLike
 def range_accuracy_eq17(sigma_s: ArrayLike, snr: ArrayLike, speed_m_per_s: float = C_M_PER_S) -> Array:
     """Eq. 17: δr = ½ c σ/SNR, m.
 
-    `speed_m_per_s` is c over the group index; the document has c. One standard deviation of one range: for the
-    difference of two, as an object's depth is, see `depth_accuracy`.
+    `speed_m_per_s` is c over the group index; the document uses c. This is the standard deviation of one range; for the
+    difference of two ranges, such as the depth of an object, see `depth_accuracy`.
     """
     return np.asarray(0.5 * speed_m_per_s * _array(sigma_s) / _array(snr))
 
@@ -78,7 +79,7 @@ def weighted_average_std(intensity: ArrayLike, noise: ArrayLike, time_s: ArrayLi
     """Standard deviation of t̂ = Σ I_i t_i/Σ I_i, s, for independent noise δI_i: √Σ δI_i²(t_i − t̂)²/Σ I_i.
 
     Main arguments: expected intensity and noise (…, slice), times (slice). First order in the noise. With photon noise
-    it is σ/√N, as Eq. 17 has it; read noise or background make it larger, by the square of a slice's distance.
+    it is σ/√N, as in Eq. 17; read noise and background increase it, weighted by each slice's squared distance from t̂.
     """
     value, time = _array(intensity), _array(time_s)
     total = np.sum(value, axis=-1)

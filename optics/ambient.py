@@ -1,4 +1,4 @@
-"""Ambient light, from a lamp's or the sky's spectrum through water, filter and quantum efficiency to photoelectrons.
+"""Ambient light: from the spectrum of a lamp or the sky, through water, filter and quantum efficiency, to photoelectrons.
 
 Spectra are arrays over `wavelength_m` (increasing); spectral irradiance in W/m² per m of wavelength. Sources: Planck's law;
 CIE daylight (CIE 15:2004, eq. 3.1-3.4 and table T.2); CIE 1924 V(λ) (CIE 18.2) turns lux into watts.
@@ -59,7 +59,7 @@ def planck_radiance(wavelength_m: ArrayLike, temperature_k: float) -> Array:
         raise ValueError(f"temperature_k must be positive, not {temperature_k!r}")
     w = np.asarray(wavelength_m, np.float64)
     x = PLANCK_J_S * C_M_PER_S / (w * _BOLTZMANN_J_K * temperature_k)
-    # exp(−x)/(1 − exp(−x)) does not overflow.
+    # In the form exp(−x)/(1 − exp(−x)) nothing overflows.
     return np.asarray(2.0 * PLANCK_J_S * C_M_PER_S**2 / w**5 * np.exp(-x) / -np.expm1(-x))
 
 
@@ -103,26 +103,26 @@ def scaled_to_lux(wavelength_m: ArrayLike, relative: ArrayLike, lux: float) -> A
     Raises ValueError for a negative illuminance, and for a spectrum without visible light.
     """
     if lux < 0:
-        raise ValueError(f"lux must not be negative, not {lux!r}")
+        raise ValueError(f"lux must be at least 0, not {lux!r}")
     now = illuminance_lux(wavelength_m, relative)
     if not now > 0:
-        raise ValueError("the spectrum holds no visible light to scale by")
+        raise ValueError("The spectrum has no visible light by which it could be scaled.")
     return np.asarray(np.asarray(relative, np.float64) * (lux / now))
 
 
 def through(attenuation_per_m: ArrayLike, path_m: ArrayLike) -> Array:
-    """exp(−K(λ) d): what a path of d metres lets pass.
+    """exp(−K(λ) d): transmission of a path of d metres.
 
     K is the diffuse attenuation K_d for light that comes down from the sky, and the beam attenuation c for the image of
-    a surface (the light scattered into the view, which veils it, comes on top).
+    a surface (light scattered into the line of sight is not included).
     """
     return np.asarray(np.exp(-np.asarray(attenuation_per_m, np.float64) * np.asarray(path_m, np.float64)))
 
 
 def diffuse_attenuation(source: str, kind: str, wavelength_m: ArrayLike) -> Array:
-    """K_d(λ), 1/m, of downwelling light: as tabulated by solonenko2015; of pure water a + b/2 (half of b goes back).
+    """K_d(λ), 1/m, of downwelling light: as tabulated by solonenko2015; of pure water a + b/2 (half of b scatters back).
 
-    NaN where the source has no value. Raises ValueError for a source that does not tell K_d, or an unknown type.
+    NaN where the source has no value. Raises ValueError for a source without K_d, or an unknown type.
     """
     from .water.types import water_optics
 
@@ -143,7 +143,7 @@ def diffuse_attenuation(source: str, kind: str, wavelength_m: ArrayLike) -> Arra
             return float(body.kd(round(value * 1e9, 9)))
 
     else:
-        raise ValueError(f"{source} does not tell how daylight fades; solonenko2015 and pure do")
+        raise ValueError(f"{source} gives no diffuse attenuation K_d; solonenko2015 and pure do.")
 
     def safe(value: float) -> float:
         try:
@@ -177,13 +177,13 @@ def photoelectron_rate(
     filter_transmission: ArrayLike,
     quantum_efficiency: ArrayLike,
 ) -> float:
-    """Photoelectrons per second: G ∫ L(λ) F(λ) QE(λ) λ/(hc) dλ, by the trapezoid rule on the given grid.
+    """Photoelectrons per second, G ∫ L(λ) F(λ) QE(λ) λ/(hc) dλ, by the trapezoid rule on the given grid.
 
     Main arguments:
         radiance: L at the lens, W/(m² sr m). etendue_m2_sr: G, of a pixel A_px π/(4F²) times the optics' transmission,
         of a photodetector A_aperture · Ω. filter_transmission, quantum_efficiency: arrays on the grid, or numbers.
 
-    This is what `ambient_e_per_s` of a rig holds. The grid must resolve the filter.
+    This is the quantity `ambient_e_per_s` of a rig. The grid must resolve the filter.
     """
     w = _grid(wavelength_m)
     part = np.asarray(radiance, np.float64) * np.asarray(filter_transmission) * np.asarray(quantum_efficiency)

@@ -1,11 +1,11 @@
-"""Amplitude-modulated ranging: phase, whole and part cycles (Kusters 1992, Eq. 2.4 and 2.5), the correlation samples.
+"""Amplitude-modulated ranging: phase, whole and fractional cycles (Kusters 1992, Eq. 2.4 and 2.5), correlation samples.
 
-The light goes as P(1 + m cos ωt), ω = 2πf; it comes back τ = 2 n_g r/c later. A detector whose transmission goes as
+The emitted power is P(1 + m cos ωt), ω = 2πf; it returns τ = 2 n_g r/c later. A detector of transmission
 ½(1 + d cos(ωt − φ)) collects, over whole periods,
 
     S(φ) = A (1 + C cos(ωτ − φ)) + B,        C = m d/2,
 
-with A half of the photoelectrons that an open detector would give. The modulation wavelength is λ_m = c/(n_g f).
+with A half of the photoelectrons that an unmodulated detector would collect. The modulation wavelength is λ_m = c/(n_g f).
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ def distance_eq24(cycles: ArrayLike, part_wave_m: ArrayLike, wavelength_m: Array
     """Eq. 2.4: 2D = n λ_m + Δλ_m; returns D, m.
 
     Main arguments:
-        cycles: n, whole cycles there and back. part_wave_m: Δλ_m of Eq. 2.5. wavelength_m: λ_m.
+        cycles: n, whole cycles over the two-way path. part_wave_m: Δλ_m of Eq. 2.5. wavelength_m: λ_m.
     """
     whole = np.asarray(cycles, np.float64) * np.asarray(wavelength_m, np.float64)
     return np.asarray(0.5 * (whole + np.asarray(part_wave_m, np.float64)))
 
 
 def part_wave_eq25(phase_rad: ArrayLike, reference_rad: ArrayLike, wavelength_m: ArrayLike) -> Array:
-    """Eq. 2.5: Δλ_m = (Φ₂ − Φ₁)/360° · λ_m, m, 0 ≤ Δλ_m < λ_m. Phases in rad here; the print has degrees.
+    """Eq. 2.5: Δλ_m = (Φ₂ − Φ₁)/360° · λ_m, m, 0 ≤ Δλ_m < λ_m. Phases in rad here; printed in degrees.
 
     Main arguments:
-        phase_rad: Φ₂, of the light that returns. reference_rad: Φ₁, of the light that leaves.
+        phase_rad: Φ₂, of the received light. reference_rad: Φ₁, of the emitted light.
     """
     lag = np.asarray(phase_rad, np.float64) - np.asarray(reference_rad, np.float64)
     turns = lag / _TWO_PI
@@ -61,7 +61,7 @@ def part_wave_eq25(phase_rad: ArrayLike, reference_rad: ArrayLike, wavelength_m:
 def whole_cycles(coarse_m: ArrayLike, part_wave_m: ArrayLike, wavelength_m: ArrayLike) -> Array:
     """n of Eq. 2.4 from a coarse distance D': the integer nearest to (2D' − Δλ_m)/λ_m.
 
-    It is right while |D' − D| < λ_m/4.
+    Correct while |D' − D| < λ_m/4.
     """
     gap = 2.0 * np.asarray(coarse_m, np.float64) - np.asarray(part_wave_m, np.float64)
     return np.asarray(np.rint(gap / np.asarray(wavelength_m, np.float64)))
@@ -70,7 +70,7 @@ def whole_cycles(coarse_m: ArrayLike, part_wave_m: ArrayLike, wavelength_m: Arra
 def unambiguous_range(frequencies_hz: ArrayLike, group_index: float) -> float:
     """Range after which all phases repeat: c/(2 n_g g), g the greatest common divisor of the frequencies.
 
-    Frequencies are taken as whole millihertz; ratios that share no larger divisor give a range without practical limit.
+    Frequencies are rounded to whole millihertz; where they share no larger divisor the range is practically unlimited.
     """
     milli = np.rint(1e3 * np.asarray(frequencies_hz, np.float64)).astype(np.int64)
     return float(C_M_PER_S / (2.0 * group_index * (float(np.gcd.reduce(np.atleast_1d(milli))) * 1e-3)))

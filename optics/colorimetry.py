@@ -1,4 +1,4 @@
-"""Spectra as the eye sees them, by colour-science: standard illuminants, lux, and sRGB (CIE 1931 2°, IEC 61966-2-1).
+"""Photometry and colour of spectra, by colour-science: standard illuminants, lux, and sRGB (CIE 1931 2°, IEC 61966-2-1).
 
 colour-science is imported on first use: it takes a second.
 """
@@ -19,14 +19,14 @@ __all__ = [
     "linear_srgb_of_spectrum", "shown_colour",
 ]  # fmt: skip
 
-#: The observer's range, m.
+#: Wavelengths of the standard observer, m.
 VISIBLE_M = (360e-9, 830e-9)
 
 
 @lru_cache(maxsize=1)
 def _colour() -> Any:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it tells of optional packages that are not needed here
+        warnings.simplefilter("ignore")  # it warns of optional packages that are not needed here
         import colour
     return colour
 
@@ -40,7 +40,7 @@ def illuminant_spectrum(name: str) -> tuple[Array, Array]:
     """(wavelength in m, relative spectral power) of a standard illuminant, as tabulated. ValueError for an unknown name."""
     table = _colour().SDS_ILLUMINANTS
     if name not in illuminant_names():
-        raise ValueError(f"no such illuminant: {name!r}; illuminants: {', '.join(illuminant_names())}")
+        raise ValueError(f"There is no illuminant {name!r}. Illuminants: {', '.join(illuminant_names())}")
     found = table[name]
     return np.asarray(found.wavelengths, np.float64) * 1e-9, np.asarray(found.values, np.float64)
 
@@ -61,14 +61,14 @@ def illuminance_of(wavelength_m: ArrayLike, irradiance: ArrayLike) -> float:
 
 
 def linear_srgb_of_line(wavelength_m: float) -> Array:
-    """Linear sRGB (3,) of monochromatic light, per unit of Y = 1; parts are negative where the screen cannot show it.
+    """Linear sRGB (3,) of monochromatic light at Y = 1; components are negative where the colour is out of gamut.
 
-    Raises ValueError outside 360 … 830 nm, where nothing is seen.
+    Raises ValueError outside 360 … 830 nm, the range of the standard observer.
     """
     colour = _colour()
     nm = 1e9 * float(wavelength_m)
     if not VISIBLE_M[0] <= wavelength_m <= VISIBLE_M[1]:
-        raise ValueError(f"the eye sees nothing at {nm:g} nm")
+        raise ValueError(f"Light of {nm:g} nm is invisible; the standard observer covers 360 to 830 nm.")
     xyz = np.asarray(colour.wavelength_to_XYZ(nm), np.float64)
     return np.asarray(_to_linear(xyz / xyz[1]))
 
@@ -81,7 +81,7 @@ def linear_srgb_of_spectrum(wavelength_m: ArrayLike, power: ArrayLike) -> Array:
     spectrum = np.interp(at, np.asarray(wavelength_m, np.float64), np.asarray(power, np.float64), left=0.0, right=0.0)
     xyz = spectrum @ np.asarray(cmfs.values, np.float64)
     if not xyz[1] > 0.0:
-        raise ValueError("the spectrum holds no visible light")
+        raise ValueError("The spectrum has no visible light.")
     return np.asarray(_to_linear(xyz / xyz[1]))
 
 
@@ -90,7 +90,7 @@ def _to_linear(xyz: Array) -> Any:
 
 
 def shown_colour(linear: ArrayLike) -> Array:
-    """The nearest colour that a screen has: negative parts are dropped, the largest becomes 1 (hue nearly, not quite)."""
+    """A colour in gamut: negative components become 0, the largest becomes 1 (the hue is nearly kept)."""
     inside = np.maximum(np.asarray(linear, np.float64), 0.0)
     return np.asarray(inside / inside.max())
 

@@ -1,7 +1,7 @@
-"""The diverged laser beam: radiant intensity against angle, and Eq. 7-13 of Guo et al. on inhomogeneous illumination.
+"""The diverging laser beam: radiant intensity against angle, and Eq. 7-13 of Guo et al. 2017 (inhomogeneous illumination).
 
-Intensities are per unit of emitted energy: ∫ I dΩ = 1 over the forward hemisphere, unit 1/sr, so that a pulse of energy
-E gives E·I(θ)/r² J/m² at distance r on a facing surface.
+Intensities are per unit of emitted energy, ∫ I dΩ = 1 over the forward hemisphere, in 1/sr: a pulse of energy E gives
+the fluence E·I(θ)/r² J/m² on a facing surface at distance r.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def _half_angle(value: float) -> float:
 
 
 def gaussian_intensity(theta_rad: ArrayLike, half_angle_rad: float) -> Array:
-    """I(θ) = I₀ exp(−2θ²/w²) for θ ≤ π/2, 1/sr: falls to 1/e² of its peak at the half angle w [rad].
+    """I(θ) = I₀ exp(−2θ²/w²) for θ ≤ π/2, 1/sr; 1/e² of its peak at the half angle w [rad].
 
     Main arguments:
         theta_rad: angle from the beam's axis, any shape.
@@ -66,7 +66,7 @@ def measured_intensity(theta_rad: ArrayLike, half_angle_rad: float, radial_value
     w = _half_angle(half_angle_rad)
     value = np.asarray(radial_value, dtype=np.float64)
     if value.ndim != 1 or value.size < 2 or not np.all(value >= 0.0) or not np.sum(value) > 0.0:
-        raise ValueError("radial_value needs at least two values, none negative, not all zero")
+        raise ValueError("radial_value needs at least two values, none of them negative and not all zero")
     scale = _measured_scale(w, tuple(value.tolist()))
     theta = np.abs(np.asarray(theta_rad, dtype=np.float64))
     return np.asarray(scale * np.interp(theta, np.linspace(0.0, w, value.size), value, right=0.0), dtype=np.float64)
@@ -74,7 +74,7 @@ def measured_intensity(theta_rad: ArrayLike, half_angle_rad: float, radial_value
 
 @lru_cache(maxsize=64)
 def _measured_scale(w: float, value: tuple[float, ...]) -> float:
-    """1/∫ value(θ) 2π sinθ dθ, eight Gauss-Legendre nodes a cell (exact to rounding: a line times a sine)."""
+    """1/∫ value(θ) 2π sinθ dθ, eight Gauss-Legendre nodes per cell (exact to rounding for a line times a sine)."""
     node, weight = np.polynomial.legendre.leggauss(8)
     grid = np.linspace(0.0, w, len(value))
     half = 0.5 * (grid[1] - grid[0])
@@ -105,10 +105,10 @@ def beam_intensity(
 
 
 def beam_axis(offset_rad: tuple[float, float]) -> Array:
-    """Unit vector (3,) of a beam turned from +z by offset_rad = (a, b): (sin a cos b, sin b, cos a cos b).
+    """Unit vector (3,) of a beam rotated from +z by offset_rad = (a, b): (sin a cos b, sin b, cos a cos b).
 
-    Azimuth a to the right, then elevation b downward, as a pan-tilt mount turns: b is the angle from the x-z plane. In a
-    pinhole image the centre of illumination lies at f·tan a to the right and f·tan b/cos a below the axis.
+    Azimuth a to the right, then elevation b downward, as in a pan-tilt mount: b is the angle from the x-z plane. In a
+    pinhole image the centre of illumination lies at f·tan a to the right of the axis and f·tan b/cos a below it.
     """
     a, b = offset_rad
     return np.array([np.sin(a) * np.cos(b), np.sin(b), np.cos(a) * np.cos(b)])
@@ -129,12 +129,12 @@ def off_axis_angle(direction: ArrayLike, axis: ArrayLike) -> Array:
 
 
 def radial_distance_eq7(x_m: ArrayLike, y_m: ArrayLike, orthogonal_m: ArrayLike) -> Array:
-    """Eq. 7: r' = √(x² + y² + r²): radial distance of a point x, y off the centre at orthogonal distance r."""
+    """Eq. 7: r' = √(x² + y² + r²), radial distance of a point at lateral offset x, y and orthogonal distance r."""
     return np.asarray(np.hypot(np.hypot(x_m, y_m), orthogonal_m), dtype=np.float64)
 
 
 def orthogonal_suffices_eq8(x_m: ArrayLike, y_m: ArrayLike, orthogonal_m: ArrayLike, rtol: float) -> np.ndarray:
-    """Eq. 8: may r' be taken as r (x = y = 0, or r ≫ x, y)? True where r'/r − 1 ≤ rtol.
+    """Eq. 8, r' = r for x = y = 0 or r ≫ x, y: True where r'/r − 1 ≤ rtol.
 
     r'/r − 1 = ½(ρ/r)² to lowest order: 1e-3 at ρ = r/22.
     """
@@ -163,14 +163,14 @@ def diverging_angle_eq12(
 ) -> Array:
     """Eq. 12 as printed: θ = (ρ/ρ_max)·φ, rad, with ρ = √(x² + y²) from the centre and ρ_max that of the corner.
 
-    `exponent` k is that of Eq. 23 and 24, (ρ/ρ_max)^k φ. In a pinhole image tanθ, not θ, grows with ρ: see
-    `diverging_angle_true`. The printed angle is too small inside, by 2φ³/(9√3) at most for k = 1 and small φ.
+    `exponent` k is that of Eq. 23 and 24, (ρ/ρ_max)^k φ. In a pinhole image tanθ, not θ, is proportional to ρ:
+    see `diverging_angle_true`. The printed angle is too small by 2φ³/(9√3) at most, for k = 1 and small φ.
     """
     return np.asarray((np.hypot(x, y) / np.hypot(x_max, y_max)) ** exponent * half_angle_rad, dtype=np.float64)
 
 
 def diverging_angle_true(x: ArrayLike, y: ArrayLike, x_max: float, y_max: float, half_angle_rad: float) -> Array:
-    """θ = atan((ρ/ρ_max)·tanφ), rad: the angle of a pixel in an undistorted image whose corner lies at φ."""
+    """θ = atan((ρ/ρ_max)·tanφ), rad: angle of a pixel in an undistorted image whose corner lies at the angle φ."""
     return np.asarray(np.arctan(np.hypot(x, y) / np.hypot(x_max, y_max) * np.tan(half_angle_rad)), dtype=np.float64)
 
 
@@ -179,6 +179,6 @@ def distortion_ratio_eq13(
 ) -> Array:
     """Eq. 13: λ = cos[(ρ/ρ_max)^k φ].
 
-    The scan of the report lost the formula; this is the factor that its Eq. 23 and 24 divide by.
+    The formula is missing in the scan of the report; this is the factor by which its Eq. 23 and 24 divide.
     """
     return np.cos(diverging_angle_eq12(x, y, x_max, y_max, half_angle_rad, exponent))

@@ -1,8 +1,8 @@
-"""The one door to Numba: compiled kernels with a cache that can never be stale.
+"""The only module that uses Numba: compiled kernels with a cache that is never stale.
 
-Numba keys its cache on the file of the *decorated* function, so editing a callee in another file leaves the cached
-caller stale, silently. We therefore keep the cache in a folder named by the hash of every source file of the project:
-any edit moves to a new folder. A read-only tree, or a user without a writable home, gets a temporary folder.
+Numba keys its cache on the file of the *decorated* function: after an edit of a callee in another file the cached caller
+is stale, silently. The cache is therefore kept in a folder named by the hash of every source file that mentions a
+kernel, and any edit of these uses a new folder. Where that cannot be written, a temporary folder is used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["c_callback", "cache_folder", "kernel", "prange", "source_hash"]
 
 
 def __getattr__(name: str) -> Any:
-    """`prange` is Numba's, imported only when asked for."""
+    """`prange` of Numba, imported on first use."""
     if name == "prange":
         import numba
 
@@ -42,7 +42,7 @@ def source_hash() -> str:
         folder = Path(next(iter(spec.submodule_search_locations)))
         for path in sorted(folder.rglob("*.py")):
             text = path.read_bytes()
-            if b"kernel" in text:  # a file without a kernel can be neither a caller nor a callee
+            if b"kernel" in text:  # a file that mentions no kernel is neither a caller nor a callee
                 digest.update(f"{room}/{path.relative_to(folder)}".encode())
                 digest.update(text)
     return digest.hexdigest()[:16]
@@ -59,7 +59,7 @@ def cache_folder() -> Path:
             pass
         return folder
     except OSError:
-        # One folder per user, so that the next process finds the kernels again where the system allows it.
+        # One folder per user, so that the next process finds the kernels again where the system keeps temporary files.
         folder = Path(tempfile.gettempdir()) / f"beambench-numba-{os.getuid()}" / source_hash()
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -75,14 +75,14 @@ def cache_folder() -> Path:
 def kernel(*args: Any, **options: Any) -> Any:
     """`numba.njit` with the project's cache. Use as `@kernel` or `@kernel(fastmath=True, parallel=True)`.
 
-    Main arguments: those of `numba.njit`. `cache` is on unless switched off.
+    Main arguments: those of `numba.njit`. `cache` is True by default.
     """
-    # Mitsuba's threads and Numba's share the cores: threads that spin while they wait would slow the others by a third.
-    # Read by the OpenMP runtime as it loads; a user's own choice stands.
+    # Threads of Mitsuba and of Numba share the cores: threads that spin while they wait slow the others by a third.
+    # The OpenMP runtime reads this when it is loaded; a value set by the user is kept.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import numba
 
-    # The locator is chosen when the function is decorated, so the folder is set just before.
+    # Numba chooses the cache folder when the function is decorated, so it is set just before.
     numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
     options.setdefault("cache", True)
     options.setdefault("nogil", True)
@@ -92,7 +92,7 @@ def kernel(*args: Any, **options: Any) -> Any:
 
 
 def c_callback(signature: Any) -> Any:
-    """`numba.cfunc`: compile a function of `signature` for calls from C, where a foreign library asks for one."""
+    """`numba.cfunc`: compile a function of `signature` that a C library can call."""
     import numba
 
     return numba.cfunc(signature)

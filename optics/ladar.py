@@ -1,5 +1,5 @@
-"""The LADAR equation of Guo et al. (report "Investigate target reflection and illumination sensitivity in range gated
-detection"), Eq. 1-6 and 18-22, as printed and under their numbers; and beside them the pixel radiometry that we use.
+"""The LADAR equation of Guo et al. 2017, Eq. 1-6 and 18-22, as printed and named by their numbers; and the pixel
+radiometry that the generator uses.
 
 All functions take scalars or arrays that broadcast, SI units, and return arrays.
 """
@@ -41,7 +41,7 @@ def ladar_eq1_received_power(
 
 
 def ladar_eq2_beam_area(divergence_rad: ArrayLike, range_m: ArrayLike) -> Array:
-    """Eq. 2: A = π θ_t² r²/4, m²: the beam's footprint at range r."""
+    """Eq. 2: A = π θ_t² r²/4, m², footprint of the beam at range r."""
     return np.asarray(0.25 * np.pi * (_array(divergence_rad) * _array(range_m)) ** 2)
 
 
@@ -62,7 +62,7 @@ def ladar_eq4_brdf(
 ) -> Array:
     """Eq. 4 as printed, monostatic: K_s/cos⁶θ · exp(−tan²θ/s²) + K_D cos^m θ, for |θ| < π/2; 0 beyond.
 
-    The law itself, with its named conventions and its bidirectional extension, is in `brdf_chua`.
+    The reflection law, with its named conventions and its bidirectional extension, is in `reflection/chua.py`.
     """
     theta = _array(incidence_rad)
     cos = np.where(np.abs(theta) < 0.5 * np.pi, np.cos(theta), 0.0)
@@ -72,16 +72,16 @@ def ladar_eq4_brdf(
 def ladar_eq5_pulse_power(t_s: ArrayLike, *, power_scale: ArrayLike, sigma_s: ArrayLike) -> Array:
     """Eq. 5 *as printed*: P_o/√(2πσ_p) · exp(−t²/2σ_p²), with σ_p under the root.
 
-    Its integral is P_o·√σ_p, which depends on the unit of time; Eq. 6 prints the right form, `gaussian_pulse_power`.
+    Its integral is P_o·√σ_p, which depends on the unit of time; Eq. 6 prints the correct form, `gaussian_pulse_power`.
     """
     sigma = _array(sigma_s)
     return np.asarray(_array(power_scale) / np.sqrt(2.0 * np.pi * sigma) * np.exp(-0.5 * (_array(t_s) / sigma) ** 2))
 
 
 def gaussian_pulse_power(t_s: ArrayLike, *, energy_j: ArrayLike, sigma_s: ArrayLike) -> Array:
-    """The Gaussian pulse with the right norm: E/(√(2π)σ_p) · exp(−t²/2σ_p²), W, whose integral is E.
+    """The Gaussian pulse, correctly normalised: E/(√(2π)σ_p) · exp(−t²/2σ_p²), W, whose integral is E.
 
-    Eq. 6 prints this form with "P_o" for E, which therefore is an energy.
+    Eq. 6 prints this form with "P_o" for E: P_o is therefore an energy.
     """
     sigma = _array(sigma_s)
     return np.asarray(_array(energy_j) / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * (_array(t_s) / sigma) ** 2))
@@ -94,7 +94,7 @@ def ladar_eq6_received_power(
 ) -> Array:  # fmt: skip
     """Eq. 6: P_r(t) = π η_sys η_atm D²/(4r²) · BRDF(θ) · P_o/(√(2π)σ_p) · exp(−t²/2σ_p²), W; BRDF is Eq. 4.
 
-    As printed no factor cosθ is added to Eq. 4.
+    As printed, Eq. 4 gets no further factor cosθ.
     """
     return ladar_eq3_received_power(
         gaussian_pulse_power(t_s, energy_j=energy_j, sigma_s=sigma_s),
@@ -119,8 +119,8 @@ def gated_intensity_eq18(
 
     Main arguments:
         received_energy_j: ∫ P_r dt.
-        pulse, gate: shapes of `waveforms`; the printed equation has a Gaussian and a rectangle.
-        group_index: of the medium; the print has 1.
+        pulse, gate: shapes of `waveforms`; in the document a Gaussian and a rectangle.
+        group_index: of the medium; 1 in the document.
     """
     u = 2.0 * group_index * _array(range_m) / C_M_PER_S - _array(delay_s)
     return np.asarray(_array(received_energy_j) * correlation(pulse, gate, u))
@@ -129,7 +129,7 @@ def gated_intensity_eq18(
 def gated_intensity_eq19(received_energy_j: ArrayLike, gate_area_s: ArrayLike, step_s: ArrayLike) -> Array:
     """Eq. 19: I = ∫P_r dt · ∫G dτ / t_step, J: the sum of Eq. 18 over all delays, spaced by t_step.
 
-    The equality holds where the delays cover all of R and t_step is small against its edges (Poisson summation).
+    It holds where the delays cover all of R and t_step is small against the edges of R (Poisson summation).
     """
     return np.asarray(_array(received_energy_j) * _array(gate_area_s) / _array(step_s))
 
@@ -157,7 +157,7 @@ def intensity_variation_eq22(
     *, system_efficiency: ArrayLike, path_transmission: ArrayLike, aperture_diameter_m: ArrayLike, range_m: ArrayLike,
     incidence_rad: ArrayLike, k_s: ArrayLike, k_d: ArrayLike, slope: ArrayLike, diffusivity: ArrayLike,
 ) -> Array:  # fmt: skip
-    """Eq. 22: ΔI = π η_sys η_atm D²/(4r²) · BRDF(θ), dimensionless: what varies over the image at fixed setting."""
+    """Eq. 22: ΔI = π η_sys η_atm D²/(4r²) · BRDF(θ), dimensionless: the factor that varies over the image."""
     return ladar_eq3_received_power(
         1.0,
         system_efficiency=system_efficiency,
@@ -181,7 +181,7 @@ def surface_fluence(
 def pixel_radiance(
     fluence_j_per_m2: ArrayLike, response_per_sr: ArrayLike, camera_range_m: ArrayLike, attenuation_per_m: ArrayLike
 ) -> Array:
-    """L = H·(f cosθᵢ)·exp(−c r₂), J/(m² sr) at the camera; the response f·cosθᵢ is that of `brdf_*`."""
+    """L = H·(f cosθᵢ)·exp(−c r₂), J/(m² sr) at the camera; the response f·cosθᵢ comes from `optics.reflection`."""
     loss = np.exp(-_array(attenuation_per_m) * _array(camera_range_m))
     return np.asarray(_array(fluence_j_per_m2) * _array(response_per_sr) * loss)
 
@@ -191,8 +191,8 @@ def pixel_energy(
 ) -> Array:
     """Q = L·A_px·π/(4F²)·cos⁴θ, J: the camera equation of a thin lens focused far away.
 
-    `cos_field` is the cosine of the pixel's field angle, or 1 for a lens without vignetting. An aplanatic lens follows
-    it at all f-numbers (Abbe's sine condition); magnification is neglected: (1 + f/r)² more at close range.
+    `cos_field` is the cosine of the pixel's field angle, or 1 for a lens without vignetting. An aplanatic lens obeys
+    this at all f-numbers (Abbe's sine condition); the effect of magnification, a factor (1 + f/r)², is neglected.
     """
     etendue = 0.25 * np.pi * _array(pixel_area_m2) / _array(f_number) ** 2
     return np.asarray(_array(radiance_j_per_m2_sr) * etendue * _array(cos_field) ** 4)
@@ -201,7 +201,7 @@ def pixel_energy(
 def photoelectrons(
     energy_j: ArrayLike, *, wavelength_m: ArrayLike, transmission: ArrayLike, quantum_efficiency: ArrayLike
 ) -> Array:
-    """N = Q·τ·QE·λ/(hc): mean photoelectrons of the energy Q that reaches the lens's image of a pixel."""
+    """N = Q·τ·QE·λ/(hc): mean photoelectrons of the energy Q that the lens focuses onto a pixel."""
     per_joule = _array(wavelength_m) / (PLANCK_J_S * C_M_PER_S)
     return np.asarray(_array(energy_j) * _array(transmission) * _array(quantum_efficiency) * per_joule)
 
@@ -215,7 +215,7 @@ def pixel_photoelectrons(
 
         N = E I(θ)/r₁² · (f cosθᵢ) · A_px π/(4F²) · cos⁴θ_field · τ QE λ/(hc) · exp(−c(r₁ + r₂)).
 
-    Only unscattered light: exp(−c r) leaves out what a medium scatters forward. The surface must fill the pixel.
+    Unscattered light only: exp(−c r) excludes light that the medium scatters forward. The surface must fill the pixel.
     """
     fluence = surface_fluence(pulse_energy_j, intensity_per_sr, lamp_range_m, attenuation_per_m)
     radiance = pixel_radiance(fluence, response_per_sr, camera_range_m, attenuation_per_m)

@@ -1,8 +1,8 @@
-"""Pile-up of time-correlated single-photon counting, forward and back.
+"""Pile-up of time-correlated single-photon counting, and its correction.
 
-Of M pulses, bin k sees those that are not blind: live_k = M − Σ_{j=k−m}^{k−1} n_j, where a count blinds its pulse for
-the m bins that follow. A live pulse counts with probability 1 − exp(−λ_k), λ_k the mean photoelectrons per pulse in
-the bin. With a dead time that outlasts the record (m ≥ number of bins) only first photons count.
+In bin k the detector is live for live_k = M − Σ_{j=k−m}^{k−1} n_j of M pulses: after a count it is dead for the m bins
+that follow. A live pulse gives a count with probability 1 − exp(−λ_k), λ_k the mean photoelectrons per pulse in the bin.
+With a dead time longer than the record (m ≥ number of bins) only the first photon counts.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ __all__ = ["coates_rate", "count_information", "dead_bins", "expected_counts", "
 
 
 def dead_bins(dead_time_s: float, step_s: float, bins: int) -> int:
-    """m, the number of bins after a count in which its pulse is blind: the dead time in bins, rounded up."""
+    """m, the number of bins after a count in which the detector is dead: the dead time in bins, rounded up."""
     return int(min(np.ceil(dead_time_s / step_s - 1e-9), bins))
 
 
 def expected_counts(rate: ArrayLike, pulses: float, dead: int) -> tuple[Array, Array]:
-    """(E n_k, E live_k), each (…, bin), of λ (…, bin) per pulse: exact, since both are linear in earlier counts.
+    """(E n_k, E live_k), each (…, bin), for λ (…, bin) per pulse: exact, since both are linear in earlier counts.
 
     Main arguments:
         rate: λ, ≥ 0. pulses: M. dead: m bins.
@@ -42,7 +42,7 @@ def expected_counts(rate: ArrayLike, pulses: float, dead: int) -> tuple[Array, A
 
 
 def live_pulses(counts: ArrayLike, pulses: ArrayLike, dead: int) -> Array:
-    """live_k (…, bin) of counts n (…, bin): the pulses that could still count."""
+    """live_k (…, bin) for counts n (…, bin): the pulses for which the detector is live."""
     counts = np.asarray(counts, np.float64)
     before = np.zeros_like(counts)
     if dead > 0:
@@ -56,8 +56,8 @@ def live_pulses(counts: ArrayLike, pulses: ArrayLike, dead: int) -> Array:
 def coates_rate(counts: ArrayLike, pulses: ArrayLike, dead: int) -> tuple[Array, Array]:
     """(λ̂, its variance), each (…, bin): λ̂_k = −ln(1 − n_k/live_k) (Coates, J. Phys. E 1:878, 1968).
 
-    It is the maximum likelihood estimate of each bin; var λ̂ ≈ n_k/(live_k (live_k − n_k)). NaN where no pulse is live
-    or all live ones counted.
+    It is the maximum-likelihood estimate of each bin; var λ̂ ≈ n_k/(live_k (live_k − n_k)). NaN where no pulse is live
+    or every live pulse gave a count.
     """
     counts = np.asarray(counts, np.float64)
     live = live_pulses(counts, pulses, dead)

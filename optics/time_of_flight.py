@@ -16,14 +16,14 @@ def pulse_distance_eq23(time_s: ArrayLike, speed_m_per_s: ArrayLike) -> Array:
 
 
 def count_cycles(time_s: ArrayLike, oscillator_hz: float, start_phase: ArrayLike = 0.0) -> Array:
-    """Cycles that a counter sees while its gate is open: floor(f t + φ), NaN where t is.
+    """Cycles counted while the counter's gate is open: floor(f t + φ); NaN where t is NaN.
 
     Main arguments:
         time_s: how long the gate is open. oscillator_hz: f. start_phase: φ in cycles, 0 … 1; 0 is an oscillator that
         starts with the gate.
 
-    With φ = 0 the error of (n + ½)/f is even over ±1/2f (rms 1/(f√12)); with a free oscillator (φ even over 0 … 1)
-    that of n/f is triangular over ±1/f, with the variance F(1 − F)/f², F the fraction of f t.
+    With φ = 0 the error of (n + ½)/f is uniform over ±1/2f (rms 1/(f√12)); with a free-running oscillator (φ uniform
+    over 0 … 1) that of n/f is triangular over ±1/f, with the variance F(1 − F)/f², F the fractional part of f t.
     """
     cycles = oscillator_hz * np.asarray(time_s, np.float64) + np.asarray(start_phase, np.float64)
     return np.asarray(np.floor(cycles), np.float64)

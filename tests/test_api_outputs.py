@@ -181,12 +181,12 @@ def test_an_input_is_never_an_output(store: Path, tmp_path: Path) -> None:
     before = tree(store)
     for out in (store, store / "below", store.parent):
         for overwrite in (False, True):
-            with pytest.raises(InputError, match="what is read"):
+            with pytest.raises(InputError, match="would overwrite an input"):
                 beambench.estimate(store, ["peak"], out=out, overwrite=overwrite)
-            with pytest.raises(InputError, match="what is read"):
+            with pytest.raises(InputError, match="would overwrite an input"):
                 beambench.score(store, tmp_path, out=out, overwrite=overwrite)
     plant(tmp_path / "estimates", {"estimates.json": '{"estimators": ["peak"]}', "peak.h5": "old"})
-    with pytest.raises(InputError, match="what is read"):
+    with pytest.raises(InputError, match="would overwrite an input"):
         beambench.score(store, tmp_path / "estimates", out=tmp_path / "estimates", overwrite=True)
     assert tree(store) == before
 
@@ -196,7 +196,7 @@ def test_estimates_are_resumed_and_replaced(store: Path, tmp_path: Path, monkeyp
     for bad in ({"time_limit_s": -1.0}, {"time_limit_s": float("nan")}, {"memory_limit_bytes": 10}):
         with pytest.raises(InputError, match="limit"):
             beambench.estimate(store, ["peak"], out=out, **bad)
-    with pytest.raises(InputError, match="nothing to go on"):
+    with pytest.raises(InputError, match="nothing to resume"):
         beambench.estimate(store, ["peak"], out=out, resume=True)
     assert not out.exists()
     beambench.estimate(store, ["peak"], out=out)
@@ -281,7 +281,7 @@ def test_only_what_was_begun_is_gone_on_with(verb: str, tmp_path: Path) -> None:
     call = getattr(beambench, verb)
     with pytest.raises(InputError, match="needs the folder"):
         call(SUITE, resume=True)
-    with pytest.raises(InputError, match="nothing to go on"):
+    with pytest.raises(InputError, match="nothing to resume"):
         call(SUITE, out=tmp_path / "typo", resume=True)
     with pytest.raises(InputError, match="exclude"):
         call(SUITE, out=tmp_path / "typo", resume=True, overwrite=True)

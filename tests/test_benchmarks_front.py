@@ -43,7 +43,7 @@ def test_an_unknown_interval_decides_nothing() -> None:
 def test_bad_intervals_are_refused() -> None:
     with pytest.raises(ValueError, match="outside"):
         front([1.0], [2.0], [3.0], [1.0], [1.0], [1.0])
-    with pytest.raises(ValueError, match="one length"):
+    with pytest.raises(ValueError, match="same length"):
         front([1.0, 2.0], [1.0], [1.0], [1.0], [1.0], [1.0])
 
 

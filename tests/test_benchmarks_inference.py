@@ -210,7 +210,7 @@ def test_a_table_with_holes_or_doubles_is_refused() -> None:
         score_matrix(rows[1:], **GROUP)
     with pytest.raises(InputError, match="twice"):
         score_matrix([*rows, rows[0]], **GROUP)
-    with pytest.raises(InputError, match="No row"):
+    with pytest.raises(InputError, match="no row to rank by"):
         score_matrix(rows, **GROUP, condition="calibrated")
 
 

@@ -175,7 +175,7 @@ def test_generated_waveforms_agree_with_their_own_sigma() -> None:
     found = run_estimator("waveform-average", capture)
     error = np.abs(found["range"] - capture["truth_range"]).values
     assert error.mean() / found["sigma"].values.mean() == pytest.approx(math.sqrt(2 / math.pi), rel=0.42)
-    # A third of the light, all else equal: electronics' noise makes the error three times as large.
+    # A third of the light, all else equal: electronic noise makes the error three times as large.
     strong, weak = (ranger.shots(photodetector.Surface("", 0.0, k, 0.3), 0.0, 3) for k in (0.3, 0.1))
     assert np.abs(weak).mean() / np.abs(strong).mean() == pytest.approx(3.0, rel=0.6)
 

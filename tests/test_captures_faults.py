@@ -127,7 +127,7 @@ def test_a_chunk_lost_after_opening_is_not_read_as_zeros(store: Path) -> None:
     opened = open_captures(store)
     (store / "counts" / "c.1.0.0.0").unlink()
     opened[0]
-    with pytest.raises(InputError, match="a chunk is damaged"):
+    with pytest.raises(InputError, match="A chunk is damaged"):
         opened[1]
 
 
@@ -169,10 +169,10 @@ def test_a_folder_that_leads_out_of_the_store_is_refused(store: Path) -> None:
     [
         (lambda body: body.update(schema_version=2), "another version"),
         (lambda body: body.update(store_version=99), "another version"),
-        (lambda body: body.pop("chunks"), "not one of captures"),
-        (lambda body: body.update(chunks=[1]), "not one of captures"),
-        (lambda body: body["chunks"]["delay"].update({"c.9.0": [3, "00"]}), "not one of captures"),
-        (lambda body: body["chunks"]["delay"].update({"../../x": [3, "00"]}), "not one of captures"),
+        (lambda body: body.pop("chunks"), "not that of a store of captures"),
+        (lambda body: body.update(chunks=[1]), "not that of a store of captures"),
+        (lambda body: body["chunks"]["delay"].update({"c.9.0": [3, "00"]}), "not that of a store of captures"),
+        (lambda body: body["chunks"]["delay"].update({"../../x": [3, "00"]}), "not that of a store of captures"),
         (lambda body: body["chunks"]["delay"].pop("c.1.0"), "disagree"),
         (lambda body: body["chunks"].pop("delay"), "disagree"),
         (lambda body: body.update(count=4), "disagree"),
@@ -198,7 +198,7 @@ def test_repair_does_not_cost_an_unfinished_neighbour(store: Path) -> None:
     flip(store / "counts" / "c.1.0.0.0", 77)
     neighbour = store.with_name("store.partial")
     neighbour.mkdir()
-    with pytest.raises(InputError, match="unfinished store is beside"):
+    with pytest.raises(InputError, match="An unfinished store is beside"):
         repair(store)
     assert neighbour.exists() and len(open_captures(store)) == 3
 
@@ -206,13 +206,13 @@ def test_repair_does_not_cost_an_unfinished_neighbour(store: Path) -> None:
 def test_repair_that_leaves_no_capture_is_refused(store: Path) -> None:
     for index in range(3):
         flip(store / "counts" / f"c.{index}.0.0.0", 77)
-    with pytest.raises(InputError, match="no capture is sound"):
+    with pytest.raises(InputError, match="No capture is intact"):
         repair(store)
 
 
 def test_repair_refuses_what_it_cannot_trust(store: Path) -> None:
     flip(store / "zarr.json", 999)
-    with pytest.raises(InputError, match="metadata are damaged"):
+    with pytest.raises(InputError, match="The metadata are damaged"):
         repair(store)
-    with pytest.raises(InputError, match="complete already"):
+    with pytest.raises(InputError, match="already complete"):
         finalize(store)

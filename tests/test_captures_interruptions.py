@@ -125,12 +125,12 @@ def test_a_damaged_partial_is_refused_by_finalize_and_kept_by_repair(tmp_path: P
 
 
 def test_finalize_where_nothing_is_unfinished(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nothing unfinished"):
+    with pytest.raises(InputError, match="There is no unfinished store"):
         finalize(tmp_path / "x")
     unfinished(tmp_path / "y", 1)
     write(tmp_path / "z", example_capture("amcw"))
     (tmp_path / "y.partial").rename(tmp_path / "z.partial")
-    with pytest.raises(InputError, match="the output exists"):
+    with pytest.raises(InputError, match="The output exists"):
         finalize(tmp_path / "z")
     assert finalize(tmp_path / "z", overwrite=True).kept == 1
 
@@ -178,7 +178,7 @@ def test_a_disk_that_fills_keeps_the_complete_captures(tmp_path: Path) -> None:
 
 def test_an_output_below_a_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="creating the store failed"):
+    with pytest.raises(InputError, match="Creating the store failed"):
         write(tmp_path / "file" / "store", example_capture("amcw"))
 
 

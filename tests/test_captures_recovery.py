@@ -47,7 +47,7 @@ def test_what_cannot_be_read_is_not_dropped(
         told = capsys.readouterr().out
         assert "cannot be read" in told and "repair" not in told
         assert cli.main(["data", "repair", str(store)]) == 2
-        assert "take the right to read it" in capsys.readouterr().err
+        assert "get permission to read it" in capsys.readouterr().err
     assert verify(store) == [] and os.listdir(store.parent) == ["store"]
 
 
@@ -88,7 +88,7 @@ def test_a_store_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
             lambda: finalize(path),
             lambda: repair(path.with_name("store.partial")),
         ):
-            with pytest.raises(InputError, match="another process is writing"):
+            with pytest.raises(InputError, match="Another process is writing"):
                 other()
         writer.append(example_capture("gated", seed=1))
     assert [capture.attrs["seed"] for capture in open_captures(path)] == [0, 1] and verify(path) == []

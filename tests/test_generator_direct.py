@@ -96,7 +96,7 @@ def test_flat_wall_range_is_z_over_cosine() -> None:
 
 
 def test_expectation_follows_the_inverse_square_and_the_brdf() -> None:
-    """On the axis: amplitude ∝ cosθ/r² for Lambert and ∝ Eq. 4 for the seed's surface, within 1e-4."""
+    """On the axis: amplitude ∝ cosθ/r² for Lambert and ∝ Eq. 4 for the surface of Guo et al. 2017, within 1e-4."""
     small = {"rig.camera.rows": 3, "rig.camera.cols": 3, "rig.camera.focal_length_m": 0.5}
 
     def amplitude(**overrides: object) -> float:

@@ -311,7 +311,7 @@ def test_a_scattering_medium_without_phase_function_is_refused() -> None:
     [
         ({"medium.absorption_per_m": 0.1}, "not both"),
         ({"medium.phase_function": {"kind": "henyey-greenstein", "g": 0.9}}, "its own phase function"),
-        ({"medium.water_type.type": "mud"}, "holds no water"),
+        ({"medium.water_type.type": "mud"}, "has no water type"),
         ({"medium.water_type.source": "me"}, "medium.water_type.source"),
         ({"medium.water_type.wavelength_m": 6.5e-7}, "530 nm"),
         ({"medium.water_type.wavelength_m": 5.2e-7}, "not that of the laser"),

@@ -1,4 +1,4 @@
-"""Eq. 14-17 and 25 of document 000 as printed, and the forms that hold."""
+"""Eq. 14-17 and 25 of Guo et al. 2017 as printed, and the forms that hold."""
 
 from __future__ import annotations
 

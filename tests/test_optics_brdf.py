@@ -1,4 +1,4 @@
-"""Laws of the surface models: reciprocity, energy, normalisation, finiteness; the seed's Eq. 4 in its conventions."""
+"""Laws of the surface models: reciprocity, energy, normalisation, finiteness; Eq. 4 of Guo et al. 2017 in its conventions."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_fournier_forand_as_published() -> None:
     assert found.index == pytest.approx(1.10, abs=1e-3) and found.slope == pytest.approx(3.5835, abs=1e-3)
     for fraction in (0.005, 0.013, 0.044):
         assert backscatter_fraction(fournier_forand_of_backscatter(fraction)) == pytest.approx(fraction, rel=1e-9)
-    with pytest.raises(ValueError, match="backscatter fractions from"):
+    with pytest.raises(ValueError, match=r"fraction \(of backscatter\) must lie between"):
         fournier_forand_of_backscatter(0.4)
     # toward 0 it grows as ψ^{−2(1 + ν)}, ν = (3 − μ)/2
     psi = np.array([1e-6, 1e-5])

@@ -67,13 +67,13 @@ def _suite(scenes: int, spread: float, lead: float) -> pd.DataFrame:
 def test_the_most_accurate_is_called_so_only_where_scenes_tell() -> None:
     """As the ranking of the same page has it: paired over scenes, corrected for all pairs, six scenes at least."""
     assert "a is the most accurate" in summary(_suite(12, 0.05, 1.5))[0]
-    assert "2 of 2 others certainly worse" in closing_lines(_suite(12, 0.05, 1.5))[0]
+    assert "2 of 2 others significantly worse" in closing_lines(_suite(12, 0.05, 1.5))[0]
     for table, worse in ((_suite(12, 0.0, 1.0001), 2), (_suite(12, 0.3, 1.0001), 1), (_suite(3, 0.05, 1.5), 0)):
         first = summary(table)[0]
         # Without any scatter even a hair is certain; with scatter, or on few scenes, it is not.
         assert ("is the most accurate" in first) == (worse == 2)
         assert worse == 2 or "has the smallest error" in first
-        assert f"{worse} of 2 others certainly worse" in closing_lines(table)[0]
+        assert f"{worse} of 2 others significantly worse" in closing_lines(table)[0]
     alone = summary(pd.DataFrame([made_up.score_row()]))[0]
     assert "has the smallest error" in alone and "others" not in alone
 

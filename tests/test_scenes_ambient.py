@@ -139,7 +139,7 @@ def test_it_reaches_the_capture() -> None:
         ({"illuminance_lux": None}, "one of illuminance_lux"),
         ({"illuminance_lux": -1.0}, "greater than or equal to 0"),
         ({"filter": None}, "Field required"),
-        ({"water": {"source": "williamson2022", "type": "II", "down_m": 1.0, "view_m": 0.0}}, "daylight fades"),
+        ({"water": {"source": "williamson2022", "type": "II", "down_m": 1.0, "view_m": 0.0}}, "no diffuse attenuation K_d"),
         ({"water": {"source": "pure", "type": "salt", "down_m": 1.0, "view_m": 0.0}}, "fresh"),
         (
             {

@@ -1,1 +1,1 @@
-"""Checks of the benchmark itself: planted faults, coverage of intervals, bounds against simulation."""
+"""Checks of the benchmark itself: deliberately faulty estimators, coverage of intervals, bounds against simulation."""

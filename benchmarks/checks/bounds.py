@@ -3,14 +3,15 @@
     python -m beambench.benchmarks.checks.bounds
 
 Gaussian, or rectangular (pulse 1, gate 3: a trapezoid), response of σ_R = 1, delays every .4, Poisson samples, uniform
-prior over the window. Columns: photoelectrons of the echo; then in units of σ_R the Cramér-Rao bound (root mean over the
-window's middle half, infinite where a delay tells nothing), Ziv-Zakai of pairs, of all delays h apart at once (M-ary),
-the limit of the family, and the Bayesian bound; simulated rms errors: the posterior mean's over the Bayesian bound, over
-the family's limit and over Ziv-Zakai, and maximum likelihood's over the Bayesian bound; the share of delays in the middle
-half marked regular, and maximum likelihood's rms error there over the Cramér-Rao bound.
+prior over the window. Columns: photoelectrons of the echo; then in units of σ_R the Cramér-Rao bound (root mean square
+over the middle half of the window, infinite where a delay carries no information), the pairwise Ziv-Zakai bound, the
+M-ary one (all delays h apart at once), the limit of that family, and the Bayesian bound. Then ratios of simulated rms
+errors: of the posterior mean to the Bayesian bound, to the limit of the family and to the Ziv-Zakai bound, and of maximum
+likelihood to the Bayesian bound; the share of regular delays in the middle half, and the rms error of maximum likelihood
+there over the Cramér-Rao bound.
 
 The posterior mean attains the Bayesian bound, so no rms error is below it. Where `mean/tight` is above 1.1 no bound of the
-Ziv-Zakai family is within 10 % of what can be attained.
+Ziv-Zakai family is within 10 % of the attainable error.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ _STACKS = {"gaussian": gaussian_stack, "rectangular": rectangular_stack}
 
 
 def _errors(mu: Float, step: float, draws: int, seed: int) -> tuple[Float, Float, npt.NDArray[np.intp]]:
-    """Errors of the posterior's mean and of its maximum (parabola through the top), and the true indices."""
+    """Errors of the posterior mean and of the posterior maximum (parabola through the top), and the true indices."""
     rng = np.random.Generator(np.random.PCG64(seed))
     truth = (np.arange(draws) * mu.shape[0]) // draws
     mean, maximum = np.empty(draws), np.empty(draws)

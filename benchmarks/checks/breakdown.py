@@ -1,10 +1,10 @@
-"""Breakdown points of planted estimators: how often the interval holds the level at which failure was planted.
+"""Breakdown levels of estimators that fail at a known level: how often the measured interval contains that level.
 
     python -m beambench.benchmarks.checks.breakdown                 failures drawn from a known rate: seconds
     python -m beambench.benchmarks.checks.breakdown --captures 20   estimators that lose elements, on generated captures
 
-Rates of the first: a jump, a rise (logistic in the logarithm of the level), and one whose captures differ more than by
-chance (beta-binomial). The second sweeps `planted.fading` under ambient light, with its levels drawn at random.
+Failure rates of the first: a jump, a rise (logistic in the logarithm of the level), and one that varies between captures
+more than by chance (beta-binomial). The second sweeps `planted.fading` under ambient light, with levels drawn at random.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ _SPREAD = 60.0
 
 @dataclass(frozen=True)
 class Held:
-    """Of `total` planted estimators: how often the intervals of the 10 and the 50 % level hold the truth, how often the
-    level lies within its own interval, and the median width of the intervals in decades."""
+    """Of `total` faulty estimators: how often the intervals of the 10 and the 50 % level contain the true level, how often
+    the level lies within its own interval, and the median width of the intervals in decades."""
 
     total: int
     level10: int
@@ -47,7 +47,7 @@ class Held:
 def trials_at(
     rate: Callable[[float], float], rng: np.random.Generator, *, spread: float = math.inf
 ) -> Callable[[Sequence[Point]], Mapping[Point, Sequence[Trial]]]:
-    """An estimator whose elements fail at a known rate of the level; `spread`: of a beta distribution over captures."""
+    """An estimator whose failure rate is a known function of the level; `spread`: of a beta distribution over captures."""
 
     def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
         found: dict[Point, list[Trial]] = {}
@@ -64,7 +64,7 @@ def trials_at(
 
 
 def check_maps(kind: Kind, count: int = 200, *, seed: int = 20260101) -> Held:
-    """Refine the axis of `count` planted estimators, levels rising and falling in turn."""
+    """Refine the axis of `count` faulty estimators, with rising and falling levels in turn."""
     rng = np.random.default_rng(seed)
     held, within, widths = {0.1: 0, 0.5: 0}, 0, []
     for number in range(count):
@@ -89,7 +89,7 @@ def check_maps(kind: Kind, count: int = 200, *, seed: int = 20260101) -> Held:
 
 
 def check_captures(count: int, *, side: int = 12, seed: int = 20260101) -> Held:
-    """Sweep `count` estimators of known levels over generated captures, as `beambench sweep` does."""
+    """Sweep `count` estimators with known breakdown levels over generated captures, as `beambench sweep` does."""
     from ..search.sweep import sweep_suite
 
     rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def check_captures(count: int, *, side: int = 12, seed: int = 20260101) -> Held:
         "estimators": list(planted),
         "stresses": [{"axis": "background", "values": [1e3, 1e4, 1e5, 1e6, 1e7]}],
         "seeds": {"test": list(range(1, 1 + _SEEDS))},
-        # The shape of failure is planted in the answers alone: what the scene itself makes fail must not add to it.
+        # Only the answers are made to fail; failures caused by the scene itself must not add to them.
         "failure_at": 100.0,
     }
     with registered(), tempfile.TemporaryDirectory(prefix="beambench-breakdown-check-") as folder:
@@ -115,7 +115,7 @@ def check_captures(count: int, *, side: int = 12, seed: int = 20260101) -> Held:
             zip((("level10", "lo", "hi"), ("level50", "lo50", "hi50")), planted[row["estimator"]], strict=True)
         ):
             level, low, high = (float(row[name]) for name in names)
-            # An open end holds all beyond it.
+            # An open end contains all levels beyond it.
             hits[k] += not (low > truth or high < truth)
             within += low <= level <= high
             widths.append(math.log10(high / low))
@@ -123,10 +123,10 @@ def check_captures(count: int, *, side: int = 12, seed: int = 20260101) -> Held:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print one line per kind; 1 where an interval holds in fewer than 95 %."""
+    """Print one line per kind; return 1 where intervals contain the true level in fewer than 95 %."""
     parser = argparse.ArgumentParser(prog="python -m beambench.benchmarks.checks.breakdown", description=__doc__)
-    parser.add_argument("--captures", type=int, metavar="N", help="N planted estimators on generated captures")
-    parser.add_argument("--count", type=int, default=200, help="planted estimators of each kind")
+    parser.add_argument("--captures", type=int, metavar="N", help="N faulty estimators on generated captures")
+    parser.add_argument("--count", type=int, default=200, help="faulty estimators of each kind")
     chosen = parser.parse_args(arguments)
     print(f"{'failures':10} {'planted':>7} {'10 % held':>10} {'50 % held':>10} {'width, decades':>15}")
     bad = False

@@ -1,11 +1,12 @@
-"""`beambench break` on planted bugs: how many of twenty are found, and how small the finds are.
+"""`beambench break` on known bugs: how many of twenty are found, and how short the suites that show them are.
 
     python -m beambench.benchmarks.checks.breaking                 the search alone, bugs as functions of the candidate: seconds
     python -m beambench.benchmarks.checks.breaking --captures 20   estimators with a fault, on generated captures: minutes each
 
-A bug makes an estimator thirty times worse in a region of the space: an end or a window of one axis (a twelfth of its
-span), of two (a third of each) or of three (half of each). A find counts where it lies in the region, names its axes and
-no other, and is a suite of at most ten lines; on captures that suite is also run again, and must give the same numbers.
+A bug makes an estimator thirty times worse in a region of the search space: an end or a window of one axis (a twelfth of
+its span), of two (a third of each) or of three (half of each). A bug counts as found where the candidate lies in the
+region, names its axes and no others, and is a suite of at most ten lines; on captures that suite is also run again, and
+must give the same numbers.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ from .gated_planted import DIMENSIONS, READABLE, Region, inside, region_text, re
 
 __all__ = ["Found", "PlantedJudge", "check_captures", "check_search", "holds", "planted_regions"]
 
-#: The plainest first, as for a real search.
+#: The simplest first, as for a real search.
 _SCENES = ("flat-wall", "tilted-wall")
 _LINES = 10
 
 
 @dataclass(frozen=True)
 class Found:
-    """What came of one bug: found where it is, with its axes alone; lines of the suite; whether that repeats bit for bit
-    (None where the search was judged by a function); candidates judged, and seconds."""
+    """Result of the search for one bug: found in its region, with its axes only; lines of the suite; whether the suite
+    repeats bit for bit (None where a function judged the search); candidates judged, and seconds."""
 
     region: Region
     found: bool
@@ -48,7 +49,7 @@ class Found:
 
     @property
     def good(self) -> bool:
-        """Found, small, and repeated."""
+        """Found, short, and repeated."""
         return self.found and set(self.axes) == set(self.region) and self.lines <= _LINES and self.replays is not False
 
 
@@ -56,7 +57,7 @@ def planted_regions(count: int, *, axes: Sequence[str] | None = None, seed: int 
     """`count` regions, of one, two and three axes in turn.
 
     Other arguments:
-        axes: to choose from; all of the space by default. A level of few values (`coarse`) is no window on its own.
+        axes: to choose from; by default all axes of the space. An axis of few values (`coarse`) gets no window of its own.
     """
     rng = np.random.default_rng(seed)
     names = [dimension.axis for dimension in SPACE if axes is None or dimension.axis in axes]
@@ -83,8 +84,8 @@ def holds(region: Region, candidate: Candidate) -> bool:
 
 
 class PlantedJudge:
-    """The badness of an estimator with a bug: log10 30 in the region; elsewhere it differs from its neighbours by noise,
-    as estimators do."""
+    """log10 of the error ratio of an estimator with a bug: log10 30 in the region; elsewhere it differs from other
+    estimators by noise."""
 
     def __init__(self, region: Region) -> None:
         self.region, self.calls = region, 0
@@ -96,7 +97,7 @@ class PlantedJudge:
 
 
 def check_search(regions: Sequence[Region], *, budget: int = 300) -> Iterator[Found]:
-    """Search for each bug, judged by a function."""
+    """Search for each bug with a function as judge."""
     from ...scenes.load import load_scene
 
     for number, region in enumerate(regions):
@@ -114,14 +115,14 @@ def check_search(regions: Sequence[Region], *, budget: int = 300) -> Iterator[Fo
 
 
 def check_captures(count: int, *, budget: int = 300, side: int = 8) -> Iterator[Found]:
-    """Search for each bug of an estimator that runs on generated captures, and repeat each find."""
+    """Search for each bug of an estimator that runs on generated captures, and repeat each result."""
     from ...scenes.declared import declared_rig
     from ...scenes.load import load_scene
     from ..run import run_suite
     from ..search.break_run import break_estimator
 
     rig = declared_rig(load_scene(_SCENES[0]))
-    # A fault that shows on the scene as written is no find: one is always worse, then.
+    # A fault that shows on the unmodified scene does not count: the estimator would be worse everywhere.
     regions = [
         region
         for region in planted_regions(4 * count, axes=tuple(READABLE))
@@ -149,10 +150,10 @@ def check_captures(count: int, *, budget: int = 300, side: int = 8) -> Iterator[
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print one line per bug and the count; 1 where fewer than 19 of 20 are found and small."""
+    """Print one line per bug and the count; return 1 where fewer than 19 of 20 are found with short suites."""
     parser = argparse.ArgumentParser(prog="python -m beambench.benchmarks.checks.breaking", description=__doc__)
     parser.add_argument("--captures", type=int, metavar="N", help="N estimators with a fault on generated captures")
-    parser.add_argument("--count", type=int, default=20, help="bugs of the search alone")
+    parser.add_argument("--count", type=int, default=20, help="bugs in the test of the search alone")
     parser.add_argument("--budget", type=int, default=300)
     chosen = parser.parse_args(arguments)
     if chosen.captures is not None:
@@ -166,7 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         replay = "" if one.replays is None else ", repeats" if one.replays else ", does not repeat"
         what = f"{one.lines} lines{replay}, axes {' '.join(one.axes)}" if one.found else "not found"
         print(f"{where:70} {what} ({one.judged} judged, {one.wall_s:.1f} s)", flush=True)
-    print(f"{good} of {total} found, with their axes alone and in at most {_LINES} lines")
+    print(f"{good} of {total} found, with their axes only and in at most {_LINES} lines")
     return int(good < math.ceil(0.95 * total))
 
 

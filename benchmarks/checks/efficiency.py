@@ -1,15 +1,15 @@
-"""Estimators against the exact bound where it can be reached: efficiency, bias and stated errors, 20,000 echoes a cell.
+"""Estimators against the exact bound where it can be attained: efficiency, bias and stated errors, 20,000 echoes per cell.
 
     python -m beambench.benchmarks.checks.efficiency [FILE.csv]
 
 A cell is a response, the photoelectrons N of an echo summed over the stack, the background of all slices as a share of N,
-the delays' step in units of σ_R, and the read noise. Echoes lie anywhere in the window's inside, R whole. Captures are
-written from closed forms (`written`), the bound is the one that scores use (`judges.bound.bound_of`).
+the delay step in units of σ_R, and the read noise. Echoes lie anywhere inside the window, with all of R. Captures are
+written from closed forms (`written`); the bound is that of the scores (`judges.bound.bound_of`).
 
-Columns: bound_kind ("exact": the cell is regular); threshold, the least N at which 99 % of the delays are; coverage;
-efficiency = bound²/mean square error with its 95 % interval (4 % wide by the number of echoes); z_rms; bias: the mean
-error over the rms; wander: rms over delays (within a step, and across the window, 25 bins each) of the mean error, less
-what noise alone gives, in bounds: a bias that beats the bound shows here.
+Columns: bound_kind ("exact": the cell is regular); threshold, the least N at which 99 % of the delays are regular;
+coverage; efficiency = bound²/mean square error with its 95 % interval (4 % wide for this number of echoes); z_rms; bias:
+mean error over rms error; wander: rms over delays (within a step, and across the window, 25 bins each) of the mean error,
+with the contribution of noise subtracted, in bounds: it reveals a bias that makes an error smaller than the bound.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ COLUMNS = (
 
 #: Estimators whose sigma comes from the likelihood.
 LIKELIHOOD = ("poisson-ml", "poisson-ml-backscatter", "poisson-ml-two-returns")
-#: All that read any gated stack; `range-intensity-correlation` needs two slices, `learned` its training.
+#: All estimators for any gated stack; `range-intensity-correlation` needs two slices, `learned` its training.
 REGISTRY = (
     "chua-2016", "chua-2017", "chua-2017-orthogonal", "constant-fraction", "gaussian-least-squares", "log-gaussian",
     "matched-filter", "parabola", "peak", *LIKELIHOOD, "threshold", "weighted-average",
@@ -68,7 +68,7 @@ _PULSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One line's circumstances; `step` in σ_R, `background` over the stack as a share of the echo's `photons`."""
+    """Conditions of one line; `step` in σ_R, `background` over the stack as a share of the echo's `photons`."""
 
     response: str
     photons: float
@@ -77,7 +77,7 @@ class Cell:
     read_noise_e: float = 0.0
 
 
-#: Issue's claim for maximum likelihood: Gaussian and exponentially smoothed responses, from 10³ photoelectrons up.
+#: The claim for maximum likelihood: Gaussian and exponentially smoothed responses, 10³ photoelectrons and more.
 CELLS = tuple(
     Cell(response, photons, background, step, read)
     for response in ("gaussian", "exponential")
@@ -93,7 +93,7 @@ ECHOES = (100, 200)
 
 
 def cell_scene(cell: Cell, rows: int = 100, cols: int = 200) -> Scene:
-    """The rig of a cell: 64 slices in air of index 1, an ADC fine enough to hide its steps, quiet but for read noise."""
+    """The rig of a cell: 64 slices in air of index 1, an ADC of negligible step, no electronic noise but read noise."""
     pulse, gate = _PULSES[cell.response]
     changes: dict[str, Any] = {
         "rig.camera.rows": rows, "rig.camera.cols": cols, "rig.laser.pulse": pulse, "rig.gates": [gate],
@@ -117,7 +117,7 @@ def cell_levels(cell: Cell, scene: Scene) -> tuple[float, float]:
 
 
 def _ranges(scene: Scene, width_s: float, rng: np.random.Generator) -> Float:
-    """Ranges whose echoes lie whole inside the window, five widths from its ends, and two more for R's offset and tail."""
+    """Ranges whose echoes lie completely inside the window: five widths from its ends, two more for offset and tail of R."""
     from ...optics.constants import C_M_PER_S
 
     rig = gated_rig(scene)
@@ -127,7 +127,7 @@ def _ranges(scene: Scene, width_s: float, rng: np.random.Generator) -> Float:
 
 
 def threshold_photons(cell: Cell) -> float:
-    """The least N, at the cell's background in electrons per slice over N, at which 99 % of inner delays are regular."""
+    """The least N, at the cell's ratio of background per slice to N, at which 99 % of the inner delays are regular."""
     from ..judges.bound import threshold_table
 
     scene = cell_scene(cell, 1, 1)
@@ -144,7 +144,7 @@ def threshold_photons(cell: Cell) -> float:
 
 
 def around_threshold() -> list[Cell]:
-    """Cells from half of the threshold, as predicted, to twenty times it."""
+    """Cells from half of the predicted threshold to twenty times it."""
     cells = []
     for response in ("gaussian", "exponential"):
         for background in (0.1, 1.0):
@@ -211,8 +211,8 @@ def efficiency_rows(
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the table: maximum likelihood in all cells and around the threshold, the whole registry in four cells; write it
-    if asked to."""
+    """Print the table: maximum likelihood in all cells and around the threshold, the whole registry in four cells. With a
+    file name, also write it."""
     from ..scores.tables import to_csv
 
     some = [cell for cell in CELLS if cell.photons in (1e3, 1e4) and cell.step == 0.4 and cell.background == 0.1]

@@ -1,8 +1,8 @@
-"""Estimators with a known fault, for the checks of the search and of the failure maps. No part of the registry.
+"""Estimators with a known fault, for the checks of the search and of the failure maps. They are not in the registry.
 
-`planted` answers as `poisson-ml` does, and is thirty of its own errors off where the levels of some stresses, as the
-declared rig tells them, all lie in a region. `fading` loses elements at a rate that rises through a known level of ambient
-light. `registered` makes both known, to child processes too, as a plug-in would be.
+`planted` answers as `poisson-ml`, but is wrong by thirty of its stated errors where the levels of some stresses, as given
+by the declared rig, all lie in a region. `fading` loses elements at a rate that depends on the ambient light in a known
+way. `registered` makes both known to this process and its children, as a plug-in would be.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from ..search.space import SPACE, Dimension
 
 __all__ = ["DIMENSIONS", "READABLE", "fading", "fading_rate", "inside", "planted", "region_text", "registered"]
 
-#: A fault's region: the interval of the positions 0 … 1 of each of some axes, all at once.
+#: Region of a fault: for some axes, the interval of positions 0 … 1; all must be met at once.
 Region = dict[str, tuple[float, float]]
 
 DIMENSIONS: dict[str, Dimension] = {dimension.axis: dimension for dimension in SPACE}
 _BASE = "flat-wall"
 _SIGMAS = 30.0
 
-#: Axes whose level an estimator can read off the declared rig, and the path there.
+#: Axes whose level an estimator can read from the declared rig, and the path of the value.
 READABLE = {
     "photons": ("laser", "pulse_energy_j"), "background": ("ambient_e_per_s",), "jitter": ("laser", "jitter_frame_s"),
     "shot-jitter": ("laser", "jitter_shot_s"), "fluctuation": ("laser", "energy_fluctuation"),
@@ -49,7 +49,7 @@ def region_text(region: Region) -> str:
 
 
 def inside(region: str, rig: dict[str, object]) -> bool:
-    """Whether the levels that a declared rig tells lie in a region."""
+    """Whether the levels given by a declared rig lie in a region."""
     for part in region.split("+"):
         axis, low, high = part.split(":")
         value: object = rig
@@ -58,7 +58,7 @@ def inside(region: str, rig: dict[str, object]) -> bool:
             value = value[key]
         assert isinstance(value, int | float)
         level = float(value) / _energy() if axis == "photons" else float(value)
-        # Levels have two digits: rounding is far below the tolerance, and that far below any region.
+        # Levels have two digits: rounding is far below the tolerance, which is far below the size of any region.
         if not float(low) - 1e-6 <= DIMENSIONS[axis].position(level) <= float(high) + 1e-6:
             return False
     return True
@@ -69,9 +69,9 @@ def _energy() -> float:
     return float(gated_rig(load_scene(_BASE)).laser.pulse_energy_j)
 
 
-@estimator("gated", cites="planted fault: no algorithm, a check of the search")
+@estimator("gated", cites="deliberate fault: not an algorithm, a check of the search")
 def planted(capture: xr.Dataset, *, region: str) -> xr.Dataset:
-    """`poisson-ml`, thirty of its stated errors off inside `region` (see `region_text`), on `flat-wall`."""
+    """`poisson-ml`, wrong by thirty of its stated errors inside `region` (see `region_text`), on `flat-wall`."""
     result = poisson_ml(capture)
     if inside(region, json.loads(str(capture.attrs["rig"]))):
         result = result.assign(range=result["range"] + _SIGMAS * result["sigma"])
@@ -79,21 +79,23 @@ def planted(capture: xr.Dataset, *, region: str) -> xr.Dataset:
 
 
 def fading_rate(level: float, level10: float, level50: float) -> float:
-    """Share of elements lost: a logistic of the logarithm of the level, through 10 and 50 % where it is told to; a jump
-    at `level50` where both are one."""
+    """Share of elements lost: a logistic function of the logarithm of the level, 10 % at `level10` and 50 % at `level50`;
+    a jump where the two are equal."""
     if level10 == level50:
         return float(level >= level50)
     slope = math.log(9.0) / math.log(level50 / level10)
     return 1.0 / (1.0 + math.exp(-slope * math.log(level / level50)))
 
 
-@estimator("gated", cites="planted fault: no algorithm, a check of the failure maps")
+@estimator("gated", cites="deliberate fault: not an algorithm, a check of the failure maps")
 def fading(capture: xr.Dataset, *, level10: float, level50: float) -> xr.Dataset:
     """`weighted-average` that gives no answer for a random share of the elements, `fading_rate` of the ambient light."""
     result = weighted_average(capture, background="outside")
     rig = json.loads(str(capture.attrs["rig"]))
     counts = np.asarray(capture["counts"].values, np.int64)
-    rng = np.random.default_rng(int(counts.sum()))  # another draw for every capture, the same one for the same capture
+    rng = np.random.default_rng(
+        int(counts.sum())
+    )  # a different draw for every capture, always the same for one capture
     rate = fading_rate(float(rig["ambient_e_per_s"]), level10, level50)
     kept = xr.DataArray(rng.random(counts.shape[1:]) >= rate, dims=("row", "col"))
     valid = result["valid"] & kept
@@ -102,7 +104,7 @@ def fading(capture: xr.Dataset, *, level10: float, level50: float) -> xr.Dataset
 
 @contextmanager
 def registered() -> Iterator[None]:
-    """Within the block `planted` and `fading` are estimators of this process and of its children."""
+    """Within the block, `planted` and `fading` are registered estimators in this process and its children."""
     with tempfile.TemporaryDirectory(prefix="beambench-planted-") as folder:
         info = Path(folder) / "beambench_planted-1.0.dist-info"
         info.mkdir()

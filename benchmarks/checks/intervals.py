@@ -2,10 +2,10 @@
 
     python -m beambench.benchmarks.checks.intervals
 
-Each benchmark: five estimators (a winner, three equals, a straggler) on 12 to 24 scenes; ln rmse_full = truth + the scene's
-difficulty (shared by all, a factor e either way) + what suits whom (a factor e^.2). Columns: coverage of the 95 % intervals
-of each estimator's own mean and of paired differences, the share of benchmarks whose pairwise table claims anything wrong,
-and the share in which the winner is seen to beat each rival.
+Each benchmark: five estimators (a best one, three equal ones, a worst one) on 12 to 24 scenes; ln rmse_full = truth +
+difficulty of the scene (common to all, a factor e either way) + interaction of estimator and scene (a factor e^.2).
+Columns: coverage of the 95 % intervals of each estimator's own mean and of paired differences, the share of benchmarks
+with a wrong claim in the pairwise table, and the share in which the best estimator is significantly better than each other.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["TRUTH", "check", "synthetic"]
 
 Kind = Literal["normal", "heavy", "skewed"]
 
-#: ln of the true errors: a winner, three equals, a straggler.
+#: ln of the true errors: a best estimator, three equal ones, a worst one.
 TRUTH = np.array([-0.5, 0.0, 0.0, 0.0, 0.3])
 
 

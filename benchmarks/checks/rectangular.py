@@ -2,14 +2,14 @@
 
     python -m beambench.benchmarks.checks.rectangular [FILE.csv]
 
-R is a trapezoid: information jumps at its corners and is zero on its top, and where the pulse is shorter than the delays'
-step there are delays that no slice tells apart. 20,000 echoes a cell lie anywhere over two steps in the window's middle,
-as the prior of the bound does; the bound knows amplitude and background, the estimator does not.
+R is a trapezoid: the information jumps at its corners and is zero on its top, and where the pulse is shorter than the
+delay step no slice distinguishes some delays. The 20,000 echoes of a cell lie anywhere within two steps in the middle of
+the window, which is also the prior of the bound; the bound knows amplitude and background, the estimator does not.
 
 Columns: photoelectrons of the echo over the stack, background of all slices over that, step in units of σ_R, pulse length
-over the step; the bound in units of σ_R; rms errors over it of the posterior mean (known amplitude, a fifth of the
-echoes), of the likelihood's greatest value on a fine grid (ditto), and of poisson-ml; its coverage and z_rms; and the rms
-Cramér-Rao bound over the bound, infinite where a delay tells nothing.
+over the step; the bound in units of σ_R; rms errors over the bound of the posterior mean (known amplitude, a fifth of the
+echoes), of the maximum of the likelihood on a fine grid (likewise), and of poisson-ml; coverage and z_rms of poisson-ml;
+and the rms Cramér-Rao bound over the bound, infinite where a delay carries no information.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ def rectangular_row(
     rng = np.random.Generator(np.random.PCG64(seed))
     tau = middle + spacing * rng.uniform(0.0, 2.0, (rows, cols))
     capture = written_capture(scene, amplitude, level, 0.5 * C_M_PER_S * tau, seed=seed + 1)
-    # Pairs of delays reach beyond the echoes on both sides, so that the window's ends help nobody.
+    # Pairs of delays extend beyond the echoes on both sides, so that the ends of the window give no information.
     reach = 4.0 * max(spacing, width)
     count = math.ceil((2.0 * spacing + 2.0 * reach) / width * _PER_WIDTH) + 1
     theta = np.linspace(middle - reach, middle + 2.0 * spacing + reach, count)
     scan = scan_of(capture)
     r, slope, _ = scan.shapes(theta)
-    seen = np.ptp(r, axis=0) > 0  # the others tell nothing
+    seen = np.ptp(r, axis=0) > 0  # the others carry no information
     mu = (amplitude * r + level)[:, seen]
     root = np.sqrt((scan.information(mu) * (amplitude * slope[:, seen]) ** 2).sum(axis=1))
     found = local_bound(mu, root, float(theta[1] - theta[0]), width)
@@ -91,7 +91,7 @@ def rectangular_row(
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the table for 10³ … 10⁵ photoelectrons, two backgrounds and four steps; write it if asked to."""
+    """Print the table for 10³ … 10⁵ photoelectrons, two backgrounds and four steps. With a file name, also write it."""
     from ..scores.tables import to_csv
 
     rows: list[dict[str, Any]] = []

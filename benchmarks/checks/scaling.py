@@ -1,18 +1,18 @@
-"""Cost of an estimator against size: CPU time and memory over pixels and over slices, with the fitted exponent.
+"""Cost of an estimator against size: CPU time and memory against pixels and slices, with the fitted exponent.
 
     python -m beambench.benchmarks.checks.scaling poisson-ml weighted-average --out scaling
 
-Stacks come from a closed form (`peers.stacks`), every size at the same light per pixel. The estimator runs in a child
-process as in a suite: threads pinned to one, warmed up, timed around the call. Sizes are visited in an order that
-changes from repeat to repeat, so that a machine that slows down does not pass for an exponent.
+Stacks come from a closed form (`peers.stacks`), with the same light per pixel at every size. The estimator runs in a
+child process as in a suite: one thread, warmed up, timed around the call. The order of sizes changes from repeat to
+repeat, so that a machine that slows down does not change the exponent.
 
-    cost(n) = a n^q          between the sizes given; q by least squares on logarithms, its interval from the scatter
-                             between repeats and about the line, whichever is larger (a bend is scatter too).
+    cost(n) = a n^q          between the given sizes; q by least squares on logarithms, its interval from the scatter
+                             between repeats or about the line, whichever is larger (curvature counts as scatter).
 
-Small sizes cost a constant that hides the power: `knee` is the size at which the cost has doubled from it. Whether a
-cost grows linearly is therefore asked of a line with a constant: `excess` is the cost of the largest size over what the
-line a + b·n through all smaller sizes foretells, with its 95 % interval; above 1 it grows faster. Figures of different
-device classes are never in one fit.
+At small sizes a constant cost dominates: `knee` is the size at which the cost is twice that constant. Linear growth is
+therefore tested with a constant: `excess` is the cost of the largest size over the prediction of the line a + b·n through
+all smaller sizes, with its 95 % interval; above 1 the cost grows faster than linearly. Costs of different device classes
+are never fitted together.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SLICES = (16, 32, 64, 128, 256)
 
 @dataclass(frozen=True)
 class Cost:
-    """One timed call: what ran, on what size and class of device, and what it took."""
+    """One timed call: estimator, size, class of device, and cost."""
 
     estimator: str
     axis: Axis
@@ -87,8 +87,8 @@ def fit_exponent(costs: Sequence[Cost]) -> Exponent:
     between the two largest sizes, where a exceeds twice the smallest cost's spread; below it a constant cost rules.
 
     Raises:
-        InputError: fewer than three sizes, figures of more than one estimator, axis or device class, or none that
-        ended "ok".
+        InputError: fewer than three sizes, costs of more than one estimator, axis or device class, or no call with
+        status "ok".
     """
     good = [cost for cost in costs if cost.status == "ok" and cost.cpu_s > 0]
     kinds = {(cost.estimator, cost.axis, cost.device_class) for cost in costs}
@@ -100,8 +100,8 @@ def fit_exponent(costs: Sequence[Cost]) -> Exponent:
     sizes = sorted({cost.size for cost in good})
     if len(sizes) < 3:
         raise InputError(
-            "An exponent needs at least three sizes that ran.", where="costs", value=str(sizes),
-            next_step="look at the status of the others",
+            "An exponent needs at least three sizes at which the estimator ran.", where="costs", value=str(sizes),
+            next_step="check the status of the others",
         )  # fmt: skip
     estimator, axis, device = next(iter(kinds))
     groups = [np.array([cost.cpu_s for cost in good if cost.size == size]) for size in sizes]
@@ -140,9 +140,9 @@ def _line(
 def _excess(
     n: npt.NDArray[np.float64], y: npt.NDArray[np.float64], groups: Sequence[npt.NDArray[np.float64]]
 ) -> tuple[float, float, float]:
-    """(ratio, low, high) of the largest size's cost to the line a + b·n through the others, weighted by 1/cost².
+    """(ratio, low, high) of the cost of the largest size to the line a + b·n through the others, weighted by 1/cost².
 
-    The interval is from the scatter between repeats, pooled over sizes in relative terms (NaN without repeats), carried
+    The interval is from the scatter between repeats, pooled over sizes in relative terms (NaN without repeats), propagated
     through the weighted least squares: prediction = g·c with c the medians of the smaller sizes.
     """
     from scipy.stats import t
@@ -184,12 +184,12 @@ def measure_scaling(
     """Time a gated estimator over sizes.
 
     Main arguments:
-        label: `name[key=value]`. axis: what grows; the other keeps `slices` or `pixels`.
+        label: `name[key=value]`. axis: the size that is varied; the other is fixed at `slices` or `pixels`.
     Other arguments:
         sizes: at least three; images are square, or nearly. repeats: visits of each size.
         electrons: photoelectrons of an echo over all slices. seed: of order and noise. time_s, memory_bytes: limits of a call.
 
-    A size at which the estimator fails is a `Cost` with its status. Raises InputError for sizes that are too few.
+    A size at which the estimator fails gives a `Cost` with its status. Raises InputError for too few sizes.
     """
     from ...captures.hide import hide_truth
     from ...captures.sizes import sizes_of
@@ -229,13 +229,13 @@ def measure_scaling(
 
 
 def _stack(axis: Axis, size: int, slices: int, pixels: int, electrons: float, rng: np.random.Generator) -> Any:
-    """A Gaussian stack of the size asked for: delays of the echoes spread over the middle half of the window."""
+    """A Gaussian stack of the given size: delays of the echoes spread over the middle half of the window."""
     from ..peers.stacks import GaussianRig, stack_capture
 
     count, number = (slices, size) if axis == "pixels" else (size, pixels)
     rows = max(1, math.isqrt(number))
     cols = -(-number // rows)
-    # The window stays; more slices sample it more finely.
+    # The window is fixed; more slices sample it more finely.
     rig = GaussianRig(slices=count, step_s=16e-9 / count)
     tau = rig.start_s + rig.centre_s + 16e-9 * rng.uniform(0.25, 0.75, (rows, cols))
     counts = rng.poisson(rig.electrons(tau, electrons, 2.0 * 64 / count)).astype(np.uint16)

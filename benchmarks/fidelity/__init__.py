@@ -1,1 +1,1 @@
-"""The choice between rungs, measured: cost and error of every rung on a family of scenes."""
+"""Measurement of the choice between rungs: cost and error of every rung on a family of scenes."""

@@ -1,4 +1,4 @@
-"""The chart of cost against error: every rung and scene at the finest limit, by medium."""
+"""The chart of error against cost: every rung and scene at the strictest limit, by medium."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ..statistics.front import front
 
 __all__ = ["chart_points", "write_chart"]
 
-#: Errors below this are drawn at it, so that intervals which end at zero fit a logarithmic axis.
+#: Errors below this are drawn at this value, so that intervals that end at zero fit a logarithmic axis.
 _FLOOR = 3e-4
-#: A single run's CPU time is taken to be true within this factor.
+#: The CPU time of a single run is assumed accurate within this factor.
 _COST_FACTOR = 1.25
 _COLOURS = {"direct": "#c2410c", "scatter": "#2563eb", "full": "#15803d"}
 _MEDIA = ("air", "faint", "clear", "coastal", "harbour")
 
 
 def chart_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One point for each scene and rung at the finest limit that it was measured at, with its place among the scene's rungs:
+    """One point for each scene and rung at the strictest limit measured, with its verdict among the rungs of the scene:
     "front", "dominated" or "undecided"."""
     fractions = [row for row in rows if str(row["rtol"]) != "noise"]
     finest = min((float(row["rtol"]) for row in fractions), default=0.0)
@@ -46,7 +46,7 @@ def chart_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def write_chart(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write the chart; both axes are logarithmic, bars are 95 % intervals of the error by the references' noise."""
+    """Write the chart; both axes are logarithmic, bars are 95 % intervals of the error due to noise of the references."""
     import altair as alt
     import pandas as pd
 

@@ -1,9 +1,9 @@
-"""A seeded family of scenes that no rung was designed on: media, shapes, near and far, drawn albedos, tilts and beams.
+"""A random family of scenes that no rung was designed for: media, shapes, near and far, random albedos, tilts and beams.
 
-Scenes far from any border between rungs decide nothing. So a draw is stratified: what one rung leaves out of a scene is
-aimed at one of the limits, times a factor even in its logarithm in 1/3 … 3, by the albedo (light between surfaces) or by the
-water's scattering coefficient (light scattered forward). The aim is rough, by one number for each shape; what comes out is
-measured. Some water is drawn as it is in nature.
+Scenes far from any border between rungs do not test the choice. The draw is therefore stratified: the light that one rung
+neglects in a scene is aimed at one of the limits, times a log-uniform factor in 1/3 … 3, through the albedo (light between
+surfaces) or the scattering coefficient of the water (light scattered forward). The aim is rough, by one number for each
+shape; the result is measured. Some waters have natural coefficients.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MEDIA: dict[str, tuple[float, float, float, float]] = {
 }
 SHAPES = ("flat", "corner", "bowl", "relief", "mesh")
 LIMITS = (0.1, 0.03, 0.01)
-#: Strata, in turn: medium, shapes, and what is aimed at a limit: "albedo", "scattering", or nothing.
+#: Strata, in turn: medium, shapes, and the quantity aimed at a limit: "albedo", "scattering", or none.
 STRATA: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("air", ("corner", "bowl", "relief", "mesh"), "albedo"),
     ("faint", ("flat", "mesh"), "scattering"),
@@ -42,9 +42,9 @@ STRATA: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("clear", ("flat", "corner", "mesh"), ""),
 )
 
-#: Light between surfaces over the whole, per albedo: rms over the stack, a typical value for each shape.
+#: Light between surfaces relative to all light, per albedo: rms over the stack, a typical value for each shape.
 _SECOND_BOUNCE = {"flat": 0.1, "corner": 0.19, "bowl": 0.1, "relief": 0.25, "mesh": 0.01}
-#: The camera sees this tangent to either side.
+#: Tangent of the half field of view of the camera.
 _FIELD = 0.3
 _SIZE = 10
 _SLICES = 16
@@ -52,8 +52,8 @@ _GROUP_INDEX = 1.36
 
 
 def family(seed: int, count: int, folder: Path) -> list[Scene]:
-    """`count` scenes: the strata in turn, shapes and distances drawn without repetition, the rest drawn. Meshes are written to
-    `folder`."""
+    """`count` scenes: the strata in turn, shapes and distances drawn without repetition, the rest independently. Meshes are
+    written to `folder`."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     kinds: list[list[tuple[str, bool]]] = []
     for _, shapes, _ in STRATA:
@@ -69,8 +69,8 @@ def family(seed: int, count: int, folder: Path) -> list[Scene]:
 
 
 def draw_scene(seed: int, number: int, medium: str, shape: str, far: bool, folder: Path, aim: str = "") -> Scene:
-    """One scene; what is drawn depends on `seed` and `number` alone. `aim`: what is set so that a rung errs by about a limit:
-    "albedo", "scattering", or "" for neither."""
+    """One scene; the draw depends only on `seed` and `number`. `aim`: the quantity set so that the error of a rung is about a
+    limit: "albedo", "scattering", or "" for neither."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     absorption, scattering, near_m, far_m = MEDIA[medium]
     distance = (far_m if far else near_m) * draw.uniform(0.85, 1.15)
@@ -86,7 +86,7 @@ def draw_scene(seed: int, number: int, medium: str, shape: str, far: bool, folde
         absorption, scattering = absorption * turbid, scattering * turbid
     group = 1.00028 if medium == "air" else _GROUP_INDEX
     target, depth = _target(shape, distance, albedo, draw, folder, number)
-    # A gated camera keeps its gate shut while the pulse passes the water before its own lens.
+    # The gate of the camera is closed while the pulse passes the water in front of its own lens.
     first, last = max(2 * (distance - depth - 0.3), distance), 2 * (distance + 0.6 * depth + 0.4)
     per_metre = group / 299_792_458.0
     index = {"kind": "explicit", "phase": min(group, 1.34), "group": group}
@@ -115,7 +115,7 @@ def draw_scene(seed: int, number: int, medium: str, shape: str, far: bool, folde
 def _target(
     shape: str, distance: float, albedo: float, draw: np.random.Generator, folder: Path, number: int
 ) -> tuple[list[dict[str, Any]], float]:
-    """Objects at a distance [m], and how far they reach toward the camera [m]."""
+    """Objects at a distance [m], and their extent toward the camera [m]."""
     lambert = {"kind": "lambert", "albedo": albedo}
     wide = 2.6 * _FIELD * distance
 

@@ -1,13 +1,14 @@
-"""One scene by every rung: cost, error and task error against two references, and what `auto` takes.
+"""One scene rendered by every rung: cost, error and task error against two references, and the rung that `auto` chooses.
 
-The quantity is expected photoelectrons per pixel and gate, without ambient light. ε² = Σ(X − R₁)(X − R₂)/ΣR₁R₂ is free of
-the references' noise, which gives its interval. R₂ is our `full` rung with a seed of its own. R₁ is mitransient's volumetric
-path tracer, which shares no code for light with ours, where it can render the scene (flat-top beams) and its standard error
-is below `PEER_ENOUGH`; else our `full` rung with another seed. Either way what mitransient makes of R₂ is told: the error of
-R₂ against two independent mitransient stacks. Each rung is rendered to the accuracy that `auto` would ask of it.
+The quantity is expected photoelectrons per pixel and gate, without ambient light. ε² = Σ(X − R₁)(X − R₂)/ΣR₁R₂ is unbiased
+by the noise of the references, which determines its interval. R₂ is our `full` rung with its own random seed. R₁ is
+mitransient's volumetric path tracer, which shares no light-transport code with ours, where it can render the scene
+(flat-top beams) and its standard error is below `PEER_ENOUGH`; otherwise our `full` rung with another seed. In both cases
+the error of R₂ against two independent mitransient stacks is reported. Each rung is rendered to the accuracy that `auto`
+would request.
 
-The task error is the bias that the rung's error causes in the time of a maximum-likelihood estimate, J⁻¹Σ∂S·ΔS/V, in
-units of its bound J^(−1/2): the root mean square over the pixels that see the target.
+The task error is the bias in time of flight that the rung's error causes in a maximum-likelihood estimate,
+J⁻¹Σ∂S·ΔS/V, in units of the bound J^(−1/2): its root mean square over the pixels that see the target.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ Float = NDArray[np.float64]
 Stack = NDArray[np.float32]
 T = TypeVar("T")
 
-#: From the cheapest to the dearest.
+#: From the cheapest to the most expensive.
 RUNGS = ("direct", "scatter", "full")
 RTOLS: tuple[Rtol, ...] = (0.1, 0.03, 0.01, "noise")
 _REFERENCE_RTOL = 4e-3
 _REFERENCE = Limits(most_samples=1 << 16)
-#: Samples per pixel of mitransient: tried first, and at most.
+#: Samples per pixel of mitransient: first attempt, and maximum.
 _PEER_SAMPLES = (1 << 12, 1 << 15)
-#: Standard error of mitransient's stack, relative to the whole, above which it decides nothing.
+#: Standard error of mitransient's stack, relative to the whole, above which it is not used as a reference.
 PEER_ENOUGH = 0.03
 
 
@@ -76,7 +77,7 @@ class SceneRungs:
         return self._stack(found.direct) + scattered_electrons(self.scene, found, self.coords["gate"], *self.settings)
 
     def full(self, rtol: float, seed: int, limits: Limits | None = None) -> Stack:
-        """The full rung, rays and paths each to their part of `rtol`, as `generate` shares it out."""
+        """The full rung, rays and paths each to their share of `rtol`, divided as in `generate`."""
         direct = self.direct(SAMPLING * rtol)
         found = render_remainder(
             self.scene, direct, self.slices, SAMPLING * rtol, seed, 0, limits=limits or Limits(), world=self.world
@@ -84,7 +85,7 @@ class SceneRungs:
         return direct + found.light
 
     def at(self, rung: str, limit: float, seed: int) -> Stack:
-        """A rung as `auto` would ask for it where its error may be `limit`."""
+        """A rung as `auto` would render it for the error limit `limit`."""
         share = RUNG_SHARE[rung] * limit
         return self.full(share, seed) if rung == "full" else getattr(self, rung)(share)
 
@@ -99,7 +100,7 @@ class SceneRungs:
         return (stacks[0] - stacks[1]) / np.float32(2 * step)
 
     def background_e(self) -> Float:
-        """Ambient and dark electrons per slice, which add to the variance."""
+        """Electrons of ambient light and dark current per slice, which add to the variance."""
         detector = gated_rig(self.scene).detector
         return np.asarray(self.ambient + detector.dark_current_e_per_s * detector.exposure_s)
 
@@ -127,7 +128,7 @@ class SceneRungs:
         return pair(int(enough), seed + 2) if few < enough <= most else found
 
     def references(self, seed: int) -> References:
-        """R₁ and R₂, in two replicates each, and what mitransient makes of R₂."""
+        """R₁ and R₂, two replicates each, and the error of R₂ against mitransient."""
         twos = self.replicates(seed + 500_000)
         peer = self.peer_replicates(seed + 1)
         if peer is not None:
@@ -140,7 +141,7 @@ class SceneRungs:
 
 
 def _noise(pair: Stack, whole: Stack) -> float:
-    """Standard error of the mean of two stacks, relative to the whole one."""
+    """Standard error of the mean of two stacks, relative to the whole stack."""
     between = float(np.mean(np.square(pair[0] - pair[1], dtype=np.float64)))
     return float(np.sqrt(between / 4 / np.mean(np.square(whole, dtype=np.float64))))
 
@@ -159,7 +160,7 @@ class References:
 def measure_scene(
     scene: Scene, seed: int, rtols: tuple[Rtol, ...] = RTOLS
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Rows of fidelity.csv of one scene, one for each rung and limit, and what is told of its references. `verdict` of a rung:
+    """Rows of fidelity.csv of one scene, one for each rung and limit, and a record of its references. `verdict` of a rung:
     "pass", "fail" or "undecided", by the interval of its error."""
     rungs = SceneRungs(scene)
     found = rungs.references(seed)
@@ -168,7 +169,7 @@ def measure_scene(
     variance = two + (background + gated_rig(scene).detector.read_noise_e ** 2).astype(np.float32)[:, None, None]
     offered = [r for r in RUNGS if r != "scatter" or scene.medium.scattering_per_m > 0]
     rows: list[dict[str, Any]] = []
-    choose(scene, 0.1, seed, 0)  # compiled and loaded before it is timed
+    choose(scene, 0.1, seed, 0)  # compile and load before timing
     for rung in offered:
         rungs.at(rung, 0.1, seed)
     for rtol in rtols:
@@ -194,7 +195,7 @@ def measure_scene(
 
 
 def verdict(low: float, high: float, limit: float) -> str:
-    """Whether a rung whose error lies in low … high passes a limit."""
+    """Verdict on a rung whose error lies in low … high at a limit."""
     return "pass" if high <= limit else "fail" if low > limit else "undecided"
 
 

@@ -1,11 +1,11 @@
-"""What the rows of a fidelity measurement say of three policies: always the full rung, always the cheapest, and `auto`.
+"""Evaluation of three policies on the rows of a fidelity measurement: always `full`, always the cheapest rung, and `auto`.
 
-The rules, stated before anything is measured. A rung passes a limit where the whole interval of its error is at or below it,
-fails where the interval is above it, and is undecided else. A scene and limit are *decided* where no rung is undecided; then
-the right rung is the cheapest that passes, if any does. Shares are over decided ones; the others are counted, not dropped:
-they have a column of their own. A policy is within the limit where the rung that it takes passes, and at the cheapest where that
-rung is the right one. Where no rung passes, no policy is within the limit. CPU times are sums over all decided ones; that of
-`auto` holds the asking.
+The rules were fixed before any measurement. A rung passes a limit where the whole interval of its error is at or below it,
+fails where the whole interval is above it, and is undecided otherwise. A scene and limit are *decided* where no rung is
+undecided; then the right rung is the cheapest that passes, if any does. Shares are over the decided cases; the others are
+counted in a column of their own. A policy is within the limit where the rung that it chooses passes, and at the cheapest
+where that rung is the right one. Where no rung passes, no policy is within the limit. CPU times are sums over the decided
+cases; that of `auto` includes the choice.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ POLICY_COLUMNS = (
     "asking_cpu_s", "undecided", "none_passes",
 )  # fmt: skip
 
-#: From the cheapest to the dearest.
+#: From the cheapest to the most expensive.
 _RUNGS = ("direct", "scatter", "full")
-#: A competitor this near to the limit, as a factor, makes a decision hard.
+#: A decision is contested where the error of another rung is within this factor of the limit.
 _NEAR = 3.0
 
 
 @dataclass(frozen=True)
 class Decision:
-    """One scene at one limit: its rows by rung, and whether all are decided."""
+    """One scene at one limit: its rows by rung."""
 
     scene: str
     rtol: str
@@ -51,14 +51,14 @@ class Decision:
         return next((r for r in _RUNGS if r in self.rows and self.rows[r]["verdict"] == "pass"), None)
 
     def taken(self, policy: str) -> str:
-        """The rung that a policy takes."""
+        """The rung that a policy chooses."""
         if policy == "auto":
             return next(rung for rung, row in self.rows.items() if row["chosen"])
         return "full" if policy == "always-full" else "direct"
 
     @property
     def contested(self) -> bool:
-        """Whether another rung than the right one errs within a factor 3 of the limit."""
+        """Whether the error of a rung other than the right one is within a factor 3 of the limit."""
         limit = float(next(iter(self.rows.values()))["limit"])
         others = [row["rel_error"] for rung, row in self.rows.items() if rung != self.right]
         return any(limit / _NEAR <= error <= limit * _NEAR for error in others)
@@ -98,8 +98,8 @@ def _policy(policy: str, rtol: str, group: Sequence[Decision]) -> dict[str, Any]
 
 
 def summarise(rows: Sequence[dict[str, Any]], scenes: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
-    """Content of fidelity.json: the right rungs and how contested they are, prediction against measurement, task errors of
-    what `auto` takes where the limit is the noise, and the references of every scene."""
+    """Content of fidelity.json: the right rungs and the number of contested decisions, predicted against measured errors,
+    task errors of the choice of `auto` where the limit is the noise, and the references of every scene."""
     every = decisions(rows)
     fractions = [d for d in every if d.rtol != "noise"]
     decided = [d for d in fractions if d.decided]

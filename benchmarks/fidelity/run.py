@@ -1,7 +1,7 @@
-"""Every rung of the ladder on a family of scenes, and the choice between rungs: run, resume, tables, chart.
+"""Every rung on a family of scenes, and the choice between rungs: run, resume, tables, chart.
 
-What is measured: `fidelity_measure`. What is drawn: `fidelity_family`. What the rows say of `auto` and of two policies
-without thought: `fidelity_rules`, whose rules were written before anything was measured.
+The measurement of one scene is in `measure.py`, the random scenes in `family.py`, and the comparison of `auto` with two
+fixed policies in `rules.py`, whose rules were fixed before any measurement.
 
     python -m beambench.benchmarks.fidelity.run [--scenes 60] [--seed 1] [--out FOLDER] [--resume | --overwrite]
 """
@@ -35,7 +35,7 @@ COLUMNS = (
     "rtol", "limit", "choice_cpu_s",
 )  # fmt: skip
 _NUMBERS = ("cpu_s", "rel_error", "lo", "hi", "task_error", "predicted_error", "limit", "choice_cpu_s")
-#: What a measurement is of, and the references of the scenes measured so far.
+#: Identity of a measurement, and the references of the scenes measured so far.
 _STATE = "fidelity-scenes.json"
 
 
@@ -45,11 +45,11 @@ def run_fidelity(
 ) -> Path:  # fmt: skip
     """Measure a family of scenes; the folder, with fidelity.csv, policies.csv, fidelity.json and fidelity.svg.
 
-    Tables are written after every scene, so that `resume` goes on after the last whole one. With `overwrite` an earlier
-    measurement in `out` is replaced once the new one is complete; until then that is in `out`/unfinished.
+    Tables are written after every scene, so that `resume` continues after the last complete one. With `overwrite` an
+    earlier measurement in `out` is replaced when the new one is complete; until then the new one is in `out`/unfinished.
 
     Raises:
-        InputError: `resume` of a measurement of other scenes, or a folder that may not be written.
+        InputError: `resume` of a measurement of other scenes, or a folder that cannot be written.
     """
     folder = output_folder(out, "fidelity", resume=resume, overwrite=overwrite)
 
@@ -62,7 +62,7 @@ def run_fidelity(
 
 
 def _state(folder: Path, seed: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Rows and references of the scenes that a folder holds."""
+    """Rows and references of the scenes measured in a folder."""
     if not (folder / _STATE).exists():
         return [], []
     try:
@@ -72,20 +72,20 @@ def _state(folder: Path, seed: int) -> tuple[list[dict[str, Any]], list[dict[str
         rows = [row for row in read_rows(folder / "fidelity.csv") if row["scene"] in done]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            "The measurement cannot be gone on with: what it keeps of its scenes cannot be read.",
+            "The measurement cannot be resumed: the record of its scenes cannot be read.",
             where=str(folder / _STATE),
             value=str(error),
-            next_step="--overwrite to measure anew, or another --out",
+            next_step="add --overwrite to measure anew, or choose another --out",
         ) from error
     if drawn != seed:
         raise InputError(
-            "This folder holds a measurement of other scenes.", where="--seed", value=seed, allowed=str(drawn)
+            "The folder contains a measurement of other scenes.", where="--seed", value=seed, allowed=str(drawn)
         )
     return rows, told
 
 
 def _measure(folder: Path, scenes: int, seed: int, progress: Callable[[str], None] | None, resume: bool) -> None:
-    """Measure what is not yet in the folder, and write its files."""
+    """Measure the scenes that are not yet in the folder, and write its files."""
     rows, told = _state(folder, seed) if resume else ([], [])
     done = {t["scene"] for t in told}
     say = progress or (lambda line: None)
@@ -107,11 +107,11 @@ def _measure(folder: Path, scenes: int, seed: int, progress: Callable[[str], Non
 
 
 def _line(number: int, total: int, rows: list[dict[str, Any]], references: dict[str, Any], wall_s: float) -> str:
-    """`3/60 scene: rung error … | limit>rung verdict …`, one scene's news."""
+    """`3/60 scene: rung error … | limit>rung verdict …`, one line per scene."""
     errors: dict[str, float] = {}
     for row in rows:
         if row["rtol"] != "noise":
-            errors[row["rung"]] = row["rel_error"]  # the finest limit comes last
+            errors[row["rung"]] = row["rel_error"]  # the strictest limit comes last
     shown = " ".join(f"{rung} {error:.2g}" for rung, error in errors.items())
     taken = " ".join(f"{r['rtol']}>{r['rung']} {r['verdict']}" for r in rows if r["chosen"])
     return f"{number}/{total} {rows[0]['scene']}: {shown} | {taken} | {references['references']} {wall_s:.0f} s"

@@ -1,1 +1,1 @@
-"""Result folders: locks, journals, marks, whole files, progress."""
+"""Result folders: locks, journals, marks, atomic files, progress."""

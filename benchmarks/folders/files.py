@@ -1,4 +1,4 @@
-"""Files that are whole or absent: written under another name, synced, then renamed."""
+"""Atomic files: written under another name, synced, then renamed, so that a file is complete or absent."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["write_atomic", "write_json", "write_text"]
 
 
 def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
-    """Call `write` on `<path>.partial`, sync it, and give it its name. Nothing is left under either name if it fails.
+    """Call `write` on `<path>.partial`, sync it, and rename it to `path`. If this fails neither file is left.
 
     Raises:
-        InputError: the place cannot be written, or is full.
+        InputError: the file cannot be written, or the disk is full.
     """
     partial = path.with_name(path.name + ".partial")
     try:
@@ -33,10 +33,10 @@ def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise InputError(
-            "A file cannot be written.",
+            "The file cannot be written.",
             where=str(path),
             value=error.strerror or str(error),
-            next_step="choose another place with --out, or make room",
+            next_step="choose another --out, or free space on the disk",
         ) from error
     except BaseException:
         partial.unlink(missing_ok=True)
@@ -53,5 +53,5 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON with sorted keys, atomically. NaN is refused."""
+    """Write JSON with sorted keys, atomically. NaN raises ValueError."""
     write_text(path, json.dumps(data, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False) + "\n")

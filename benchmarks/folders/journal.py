@@ -1,4 +1,4 @@
-"""The folder of a run: its default name, and the journal that remembers finished work line by line."""
+"""The folder of a run: its default name, and the journal that records finished work line by line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Journal", "default_folder", "without_nan"]
 
 
 def default_folder(name: str) -> Path:
-    """./beambench-runs/<name>-<local time>, with a number behind it where that exists."""
+    """./beambench-runs/<name>-<local time>, followed by a number if that exists."""
     from datetime import datetime
 
     base = Path("beambench-runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
@@ -26,10 +26,10 @@ def default_folder(name: str) -> Path:
 
 
 class Journal:
-    """journal.jsonl: one line per finished (capture, estimator, condition), so that a broken run can be resumed.
+    """journal.jsonl: one line per finished (capture, estimator, condition), so that an interrupted run can be resumed.
 
-    Only results with status "ok" are taken up again: a failure is tried anew. The first line tells what the run is of:
-    the hash of its suite, and `settings` that the results depend on beside it.
+    Only results with status "ok" are reused; failures are tried again. The first line identifies the run: the hash of its
+    suite, and the other `settings` on which the results depend.
     """
 
     def __init__(self, folder: Path, suite_hash: str, **settings: Any) -> None:
@@ -47,7 +47,7 @@ class Journal:
                     key, rows = tuple(map(str, entry["key"])), [_with_nan(row) for row in entry["rows"]]
                     beside = dict(entry.get("beside") or {})
                 except (ValueError, KeyError, TypeError, AttributeError):
-                    continue  # the last line of an interrupted write, or one that was damaged: measured anew
+                    continue  # the last line of an interrupted write, or a damaged one: that work is repeated
                 if all("status" in row for row in rows):
                     self.done[key], self.beside[key] = rows, beside
         else:
@@ -55,11 +55,11 @@ class Journal:
 
     @staticmethod
     def check(folder: Path, suite_hash: str, **settings: Any) -> None:
-        """Refuse to go on with a run of another suite or other settings. A setting that an older journal does not tell is
+        """Refuse to resume a run of another suite or other settings. A setting that an older journal does not record is
         not compared.
 
         Raises:
-            InputError: the folder's journal tells of another run, or cannot be read.
+            InputError: the journal is that of another run, or cannot be read.
         """
         found: Any = {}
         try:
@@ -70,20 +70,20 @@ class Journal:
         found = found if isinstance(found, dict) else {}
         if (other := str(found.get("suite_hash", ""))) != suite_hash:
             raise InputError(
-                "The folder holds a run of another suite, or of other settings.",
+                "The folder contains a run of another suite, or with other settings.",
                 where="--resume",
                 value=other,
                 allowed=suite_hash,
-                next_step="--overwrite, or another --out",
+                next_step="add --overwrite, or choose another --out",
             )
         for name, value in settings.items():
             if name in found and found[name] != value:
                 raise InputError(
-                    f"The folder holds a run with another {name}.",
+                    f"The folder contains a run with another {name}.",
                     where="--resume",
                     value=value,
                     allowed=str(found[name]),
-                    next_step="--overwrite, or another --out",
+                    next_step="add --overwrite, or choose another --out",
                 )
 
     def _append(self, entry: dict[str, Any]) -> None:
@@ -97,18 +97,18 @@ class Journal:
                 "The output folder cannot be written.",
                 where=str(self.path),
                 value=error.strerror,
-                next_step="make room, then repeat with --resume",
+                next_step="free space on the disk, then repeat with --resume",
             ) from error
 
     def add(self, key: tuple[str, ...], rows: list[dict[str, Any]], **beside: Any) -> None:
-        """Note finished work: rows of the score table, and plain data beside them. NaN of a row travels as null: JSON
-        has none."""
+        """Record finished work: rows of the score table, and further plain data. NaN is written as null, since JSON has
+        no NaN."""
         if all(row["status"] == "ok" for row in rows):
             self._append({"key": list(key), "rows": [without_nan(row) for row in rows], "beside": beside})
 
 
 def without_nan(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as JSON can hold it: what is no finite number becomes None."""
+    """A row for JSON: numbers that are not finite become None."""
     return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
 
 

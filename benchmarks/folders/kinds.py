@@ -1,4 +1,4 @@
-"""What each verb leaves in its folder: the mark by which the folder is known, and the files that are the verb's own."""
+"""The output of each verb: the mark by which its folder is recognised, and the files that the verb owns."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Kind:
 
     Main arguments:
         verb: its name. owned: patterns of the files that it writes, relative to the folder; no others are ever replaced.
-        kept: whether a folder holds finished work, so that it stays when the verb is interrupted.
+        kept: whether a folder contains finished work, which is then kept when the verb is interrupted.
     Other arguments:
-        resumes: the verb can go on with it. whole: the result appears only when it is complete.
-        note: what to do with work that is kept and cannot be gone on with.
-        named: more files of a folder's own, which its mark lists.
+        resumes: the verb can resume it. whole: the result appears only when it is complete.
+        note: how to use work that is kept but cannot be resumed.
+        named: further files that the verb owns in a folder, listed in its mark.
     """
 
     verb: str
@@ -34,9 +34,9 @@ class Kind:
     named: Callable[[Path], list[str]] | None = None
 
     def files(self, folder: Path) -> list[Path]:
-        """The verb's own files and stores that are in the folder, and what a crash left of them half written.
+        """The verb's own files and stores in the folder, also those that a crash left half written.
 
-        A part of the folder that is a link leads elsewhere: what lies there is not touched.
+        Links are not followed: files elsewhere are never touched.
         """
         names = (*self.owned, *(self.named(folder) if self.named is not None else ()))
         patterns = [pattern for name in names for pattern in (name, f"{name}.partial")]
@@ -50,7 +50,7 @@ def slug(name: str) -> str:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The JSON object of a file (of the first line of a .jsonl), {} where there is none."""
+    """The JSON object in a file (in the first line of a .jsonl), {} where there is none."""
     try:
         with open(path, encoding="utf-8") as file:
             value = json.loads(file.readline() if path.suffix == ".jsonl" else file.read())
@@ -68,7 +68,7 @@ def _begins(path: Path, text: str) -> bool:
 
 
 def verb_in(folder: Path) -> str:
-    """The verb whose output a folder holds, "" where it holds none of ours."""
+    """The verb whose output is in a folder, "" if the folder has no mark of Beambench."""
     run, journal = _read(folder / "run.json"), _read(folder / "journal.jsonl")
     for record in (run, journal):
         if isinstance(record.get("verb"), str):
@@ -94,7 +94,7 @@ def _files_of_labels(folder: Path) -> list[str]:
 
 
 def _measured(folder: Path) -> bool:
-    """Whether a journal holds more than its header, or captures are complete."""
+    """Whether a journal has more than its header, or some captures are complete."""
     return _lines(folder / "journal.jsonl") > 1 or any(folder.glob("captures/*.zarr"))
 
 
@@ -135,7 +135,7 @@ BREAK = Kind(
     "break",
     ("break-*.toml", "search.csv", "run.json"),
     lambda folder: _lines(folder / "search.csv") > 1,
-    note="search.csv lists what was judged",
+    note="search.csv lists the candidates judged so far",
 )
 FIDELITY = Kind(
     "fidelity",

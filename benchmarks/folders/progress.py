@@ -1,4 +1,4 @@
-"""Progress of a run: bars in a terminal, plain lines elsewhere. Any callable of the same arguments will do."""
+"""Progress of a run: bars in a terminal, plain lines elsewhere. Any callable with the same arguments can replace them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Bars", "Lines", "Progress", "silent", "terminal_progress"]
 
 
 class Progress(Protocol):
-    """Told of every step: `stage` ("generate", "estimate", "report"), steps `done` of `total`, and what it was."""
+    """Called after every step: `stage` ("generate", "estimate", "report"), steps `done` of `total`, and a description."""
 
     def __call__(self, stage: str, done: int, total: int, text: str) -> None: ...
 
@@ -25,7 +25,7 @@ def silent(stage: str, done: int, total: int, text: str) -> None:
 
 
 class Lines:
-    """One plain line per step, at most one a second and stage, and always the last."""
+    """One plain line per step: at most one per second and stage, and always the last."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream if stream is not None else sys.stderr
@@ -72,7 +72,7 @@ class Bars:
     def __call__(self, stage: str, done: int, total: int, text: str) -> None:
         if stage not in self._tasks:
             self._tasks[stage] = self._bars.add_task(text, total=total, stage=stage)
-        # Names come from suites and plug-ins: square brackets of labels are not markup.
+        # Names come from suites and plug-ins: square brackets in labels are not markup.
         self._bars.update(self._tasks[stage], completed=done, total=total, description=text.replace("[", "\\["))
 
 

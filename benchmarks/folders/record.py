@@ -1,4 +1,4 @@
-"""run.json: what was run, on what machine, with which versions, how long it took and what was warned of."""
+"""run.json: the suite that was run, machine, versions, duration and warnings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def now() -> str:
 
 
 def _processor() -> str:
-    """The processor's name as the kernel tells it, else the architecture."""
+    """The processor's name as reported by the kernel, else the architecture."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             for line in file:
@@ -39,7 +39,7 @@ def _processor() -> str:
 
 
 def machine() -> dict[str, Any]:
-    """The machine, without names of people or hosts."""
+    """Description of the machine, without names of people or hosts."""
     import psutil
 
     return {
@@ -53,7 +53,7 @@ def machine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Python and the packages that a number can depend on; absent ones are left out."""
+    """Versions of Python and of the packages on which results can depend; packages that are not installed are omitted."""
     found = {"python": sys.version.split()[0]}
     for name in _PACKAGES:
         try:

@@ -1,9 +1,9 @@
-"""Where a verb writes: its folder is locked, and what is there stays until the new result is complete.
+"""The output folder of a verb: it is locked, and an earlier result stays until the new one is complete.
 
-A verb replaces only a folder that bears its own mark, and in it only the files that it writes itself: everything else in
-the folder stays. A new result that replaces one is written into `<folder>/unfinished`; when it is complete, the old files
-go to `<folder>/replaced`, the new ones take their places, and only then the old ones are removed. Both lie inside the
-folder, since that is on one disk and may be written, whatever lies around it.
+A verb replaces only a folder that has its own mark, and in it only its own files: everything else in the folder stays.
+A new result that replaces one is written into `<folder>/unfinished`; when it is complete, the old files are moved to
+`<folder>/replaced`, the new ones take their places, and then the old ones are removed. Both folders lie inside the
+output folder, because that is on one disk and writable, while the folder around it may not be.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def output_folder(out: str | Path | None, name: str, *, resume: bool, overwrite:
     """The folder named by `out`, or a new one under ./beambench-runs.
 
     Raises:
-        InputError: both flags are given, or `resume` without the folder to go on with.
+        InputError: both flags are given, or `resume` without a folder.
     """
     from .journal import default_folder
 
@@ -39,16 +39,16 @@ def output_folder(out: str | Path | None, name: str, *, resume: bool, overwrite:
         return Path(out).expanduser()
     if resume:
         raise InputError(
-            "--resume needs the folder to go on with.", where="--out", next_step="add --out FOLDER, an earlier output"
+            "--resume needs the folder of the earlier output.", where="--out", next_step="add --out FOLDER"
         )
     return default_folder(name)
 
 
 def refuse_inputs(path: Path, inputs: Sequence[str | Path]) -> None:
-    """Refuse an output that is an input, holds one, or lies in one that is a store of captures.
+    """Refuse an output that is an input, contains one, or lies in an input that is a store of captures.
 
     Raises:
-        InputError: it does.
+        InputError: it is refused.
     """
     from ...captures.store.publish import is_store
 
@@ -57,27 +57,27 @@ def refuse_inputs(path: Path, inputs: Sequence[str | Path]) -> None:
         source = Path(one).expanduser().resolve()
         if place == source or place in source.parents or (source in place.parents and is_store(source)):
             raise InputError(
-                "The output would be written over what is read.",
+                "The output would overwrite an input.",
                 where="--out",
                 value=str(path),
-                allowed=f"a place apart from {one}",
+                allowed=f"a folder outside {one}",
                 next_step="choose another --out",
             )
 
 
 def refuse_place(path: Path) -> None:
-    """Refuse to replace the folder that one works in, or one around it.
+    """Refuse to replace the working folder, or one that contains it.
 
     Raises:
-        InputError: it is.
+        InputError: it is refused.
     """
     place, here = path.resolve(), Path.cwd().resolve()
     if place == here or place in here.parents:
         raise InputError(
-            "The folder that you work in, and those around it, are not replaced.",
+            "The working folder and the folders that contain it are never replaced.",
             where="--out",
             value=str(path),
-            next_step="choose another --out, or go elsewhere and repeat",
+            next_step="choose another --out, or change to another folder and repeat",
         )
 
 
@@ -86,16 +86,16 @@ def _refused(folder: Path, error: OSError) -> InputError:
         "The output folder cannot be written.",
         where="--out",
         value=f"{folder}: {error.strerror or error}",
-        next_step="choose another place with --out",
+        next_step="choose another --out",
     )
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder against other processes. The lock ends with the process, however that ends.
+    """Lock a folder against other processes. The lock ends with the process, however that ends.
 
     Raises:
-        InputError: another one holds it.
+        InputError: another process has locked it.
     """
     import fcntl
 
@@ -109,14 +109,14 @@ def locked(folder: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EACCES):
                 raise InputError(
-                    "Another process writes into this folder.",
+                    "Another process is writing into this folder.",
                     where="--out",
                     value=str(folder),
                     next_step="wait until it ends, or choose another --out",
                 ) from error
             if error.errno not in (errno.EBADF, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
                 raise _refused(folder, error) from error
-            # Some network disks lock no folders: there a user has to mind it himself.
+            # Some network disks cannot lock folders: there the user must avoid two processes in one folder.
         yield
     finally:
         os.close(handle)
@@ -132,31 +132,31 @@ def workplace(
     inputs: Sequence[str | Path] = (),
     check: Callable[[Path], None] | None = None,
 ) -> Iterator[Path]:
-    """The folder to write a result into; at the end of the block the result is in `out`, or `out` is as before.
+    """The folder into which to write a result; after the block the result is in `out`, or `out` is as before.
 
     Main arguments:
-        out: where the result goes: new, empty, or holding an earlier result of this kind. kind: of the verb.
+        out: folder of the result: new, empty, or with an earlier result of this kind. kind: of the verb.
     Other arguments:
-        resume: go on with what is there. overwrite: replace what is there, once the block has ended well.
-        inputs: what the verb reads; the output must lie apart from it.
-        check: told the folder that is to be resumed, before anything is done; raises InputError where it does not fit.
+        resume: continue the earlier result. overwrite: replace it when the block has ended without an error.
+        inputs: files that the verb reads; the output must not overlap them.
+        check: called with the folder to be resumed before anything is done; raises InputError where it does not fit.
 
     Raises:
-        InputError: what is there may not be written, another process writes there, or the place cannot be written.
+        InputError: the content may not be replaced, another process is writing there, or the folder cannot be written.
     """
     refuse_inputs(out, inputs)
     held = _held(out)
     if held:
         _admit(out, kind, held, resume=resume, overwrite=overwrite)
     elif resume:
-        raise InputError("There is nothing to go on with.", where="--resume", value=str(out),
-                         next_step="leave --resume out to begin")  # fmt: skip
+        raise InputError("There is nothing to resume.", where="--resume", value=str(out),
+                         next_step="omit --resume to begin")  # fmt: skip
     if resume and check is not None:
         check(out)
     made = _make(out)
     with locked(out):
         if held != _held(out):
-            raise InputError("Another process writes into this folder.", where="--out", value=str(out))
+            raise InputError("Another process is writing into this folder.", where="--out", value=str(out))
         work = out
         if kind.whole or (held and overwrite):
             work = out / UNFINISHED
@@ -191,23 +191,23 @@ def _held(folder: Path) -> list[str]:
 
 
 def _admit(out: Path, kind: Kind, held: list[str], *, resume: bool, overwrite: bool) -> None:
-    """Refuse what must not be written into."""
+    """Refuse a folder into which the verb must not write."""
     if not (resume or overwrite):
         also = "--resume to finish it, " if kind.resumes else ""
         raise InputError(
             "The output folder exists and is not empty.",
             where="--out",
             value=str(out),
-            next_step=f"{also}--overwrite to replace it, or another --out",
+            next_step=f"add {also}--overwrite to replace it, or choose another --out",
         )
     if overwrite:
         refuse_place(out)
-    # Of an earlier attempt nothing but its beginning may be there.
+    # An earlier attempt may have left nothing but its unfinished folder.
     found = verb_in(out) or ("" if held != [UNFINISHED] else verb_in(out / UNFINISHED) or kind.verb)
     if found != kind.verb:
-        what = f"what `beambench {found}` left" if found else f"something that `beambench {kind.verb}` did not write"
+        what = f"an output of `beambench {found}`" if found else f"files that `beambench {kind.verb}` did not write"
         raise InputError(
-            f"The output folder holds {what}, so it is not replaced or gone on with.",
+            f"The output folder contains {what}, so it is neither replaced nor resumed.",
             where="--out",
             value=str(out),
             allowed=f"an output of `beambench {kind.verb}`, an empty folder or a new name",
@@ -215,7 +215,7 @@ def _admit(out: Path, kind: Kind, held: list[str], *, resume: bool, overwrite: b
 
 
 def _make(folder: Path) -> list[Path]:
-    """Make a folder and those around it; the new ones, innermost first."""
+    """Make a folder and its parents; returns the new ones, innermost first."""
     new = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -225,20 +225,20 @@ def _make(folder: Path) -> list[Path]:
 
 
 def _empty(work: Path, kind: Kind) -> None:
-    """Remove what an earlier attempt left unfinished."""
+    """Remove the unfinished files of an earlier attempt."""
     if not os.path.lexists(work):
         return
     if work.is_symlink() or not work.is_dir():
-        raise InputError("Something stands where the new output is to be written.", where=str(work))
+        raise InputError("Other files are in the place of the new output.", where=str(work))
     with locked(work):
         _remove(work, kind, itself=True)
     if work.exists():
-        raise InputError("Something stands where the new output is to be written.", where=str(work),
-                         value=_held(work), next_step="move it elsewhere")  # fmt: skip
+        raise InputError("Other files are in the place of the new output.", where=str(work),
+                         value=_held(work), next_step="move them elsewhere")  # fmt: skip
 
 
 def _remove(folder: Path, kind: Kind, *, itself: bool) -> None:
-    """Remove what the verb writes, and the folders that are empty then."""
+    """Remove the files of the verb, and folders that are then empty."""
     for path in kind.files(folder):
         shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
     _tidy(folder, kind)
@@ -248,14 +248,14 @@ def _remove(folder: Path, kind: Kind, *, itself: bool) -> None:
 
 
 def _tidy(folder: Path, kind: Kind) -> None:
-    """Remove the parts of an output that are empty."""
+    """Remove the empty folders of an output."""
     for part in {path.parent for path in map(folder.joinpath, kind.owned)} - {folder}:
         with suppress(OSError):
             part.rmdir()
 
 
 def _exchange(work: Path, out: Path, kind: Kind) -> None:
-    """Let the new files take the places of the old ones; if that fails, all are where they were."""
+    """Replace the old files by the new ones; if that fails, all files are back in their places."""
     old, new = kind.files(out), [path for path in kind.files(work) if path.suffix != ".partial"]
     known = {*kind.files(work)}
     new += [path for path in work.rglob("*") if path.is_file() and not {path, *path.parents} & known]
@@ -263,7 +263,7 @@ def _exchange(work: Path, out: Path, kind: Kind) -> None:
     for path in new:
         place = path.relative_to(work)
         if place not in standing and os.path.lexists(out / place):
-            raise InputError("A file of the new output has the name of one that Beambench did not write.",
+            raise InputError("A file of the new output has the same name as one that Beambench did not write.",
                              where=str(out / place), next_step="move it elsewhere")  # fmt: skip
     aside, number = out / _REPLACED, 2
     while os.path.lexists(aside):
@@ -284,13 +284,13 @@ def _exchange(work: Path, out: Path, kind: Kind) -> None:
             raise _refused(out, error) from error
         raise
     shutil.rmtree(aside, ignore_errors=True)
-    shutil.rmtree(work, ignore_errors=True)  # no files are left in it
+    shutil.rmtree(work, ignore_errors=True)  # it contains no files any more
     _tidy(out, kind)  # parts that the old output had and the new one has not
 
 
 def _tell(error: BaseException, work: Path, kind: Kind) -> None:
-    """Note at an error what is kept, and how to go on; the command line prints it."""
+    """Add a note to an error: what is kept, and how to continue; the command line prints it."""
     if not kind.kept(work):
         return
-    how = f"go on with the same command, --resume and --out {work}" if kind.resumes else kind.note
-    error.add_note(f"what was finished is kept in {work}; {how}")
+    how = f"to continue, repeat the command with --resume and --out {work}" if kind.resumes else kind.note
+    error.add_note(f"finished work is kept in {work}; {how}")

@@ -1,13 +1,13 @@
-"""`poisson-ml` against compiled fitters, per pixel in CPU seconds, on the same stacks and from the same starts.
+"""`poisson-ml` against compiled fitters, in CPU seconds per pixel, on the same stacks and from the same starting values.
 
     python -m beambench.benchmarks.peers.compiled_fit
 
-Peers, each given the closed form of the Gaussian response, which `poisson-ml` does not know:
+Peers, each given the closed form of the Gaussian response, which `poisson-ml` is not given:
 - MINPACK `lmder` in C (package cminpack-numba), called in a compiled loop over pixels with a compiled model and analytic
   Jacobian: no Python between pixels. Weighted least squares, weights from the start's expected variance.
-- Minuit's MIGRAD in C++ (package iminuit) with a compiled Poisson likelihood and its compiled gradient: called per pixel
-  from Python, as it must be.
-- SciPy's `curve_fit` is in `curve_fit.py`. Cpufit has no package that installs by name here.
+- Minuit's MIGRAD in C++ (package iminuit) with a compiled Poisson likelihood and gradient; it can only be called pixel by
+  pixel from Python.
+- SciPy's `curve_fit` is in `curve_fit.py`. Cpufit is not available as a package.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _minuit(rig: GaussianRig, data: Float, start: Float) -> tuple[Float, float]:
     return found, (time.process_time() - t0) / data.shape[0]
 
 
-#: name: (package that must be there, the fit)
+#: name: (package that must be installed, the fit)
 PEERS: dict[str, tuple[str, Fit]] = {
     "minpack-lmder": ("cminpack_numba", _minpack),
     "minuit-migrad": ("iminuit", _minuit),
@@ -145,8 +145,8 @@ def compare(
 ) -> dict[str, dict[str, float]]:  # fmt: skip
     """{name: {"cpu_s" per pixel, "efficiency", "ratio" to poisson-ml}} for `poisson-ml` and each peer that is installed.
 
-    Echoes at random delays; peers get the matched filter's start free of charge, on `peer_pixels` of the pixels (Minuit
-    on a tenth of them).
+    Echoes at random delays; peers run on `peer_pixels` of the pixels (Minuit on a tenth of them) from the start of the
+    matched filter, whose cost is not counted.
     """
     from ...estimators import run_estimator
 
@@ -180,7 +180,7 @@ def compare(
 
 
 def main() -> None:
-    """Print the comparison; peers that are not installed are named."""
+    """Print the comparison, and the names of peers that are not installed."""
     table = compare()
     print("64 slices, 10000 photoelectrons, 15 background per slice, random delays; CPU seconds per pixel, one thread")
     for name, row in table.items():

@@ -1,4 +1,4 @@
-"""`weighted-average` against `numpy.copyto` of the same array: how near a pass over the stack is to moving it once.
+"""`weighted-average` against `numpy.copyto` of the same array: its cost relative to copying the stack once.
 
 python -m beambench.benchmarks.peers.copyto
 """
@@ -19,8 +19,8 @@ __all__ = ["compare"]
 def compare(*, rows: int = 512, cols: int = 512, slices: int = 64, rounds: int = 15, seed: int = 1) -> dict[str, Any]:
     """Interleaved wall and CPU times of both, one thread, C-ordered uint16 counts (slice, row, col).
 
-    Returns sizes, the median times [s] and the ratio of the medians, each round's ratio's median, and the spread.
-    The whole estimator is timed: reading the rig, moments, sigma, conversion to range, the checked Dataset.
+    Returns sizes, the median times [s], the ratio of the medians, the median of the ratios of single rounds, and their
+    spread. The whole estimator is timed: reading the rig, moments, sigma, conversion to range, the checked Dataset.
     """
     from ...estimators import run_estimator
 
@@ -51,7 +51,7 @@ def compare(*, rows: int = 512, cols: int = 512, slices: int = 64, rounds: int =
 
 
 def main() -> None:
-    """Print the comparison. Threads of numerical libraries are pinned to one before numpy starts, by the caller."""
+    """Print the comparison. The caller must pin the threads of numerical libraries to one before numpy is imported."""
     found = compare()
     print(
         f"stack {found['slices']} x {found['rows']} x {found['cols']} uint16, {found['megabytes']:.1f} MB, CPU seconds"

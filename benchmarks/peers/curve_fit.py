@@ -1,9 +1,9 @@
-"""`poisson-ml` against scipy's `curve_fit`, per pixel in CPU seconds, on the same stacks.
+"""`poisson-ml` against scipy's `curve_fit`, in CPU seconds per pixel, on the same stacks.
 
     python -m beambench.benchmarks.peers.curve_fit
 
-The peer gets every help: the closed form of the Gaussian response with its analytic Jacobian, the same start (the
-matched filter's, given to it free of charge), weights from the start's expected variance, Levenberg-Marquardt.
+The peer gets the closed form of the Gaussian response with its analytic Jacobian, the same start (that of the matched
+filter, whose cost is not counted), weights from the expected variance at the start, and Levenberg-Marquardt.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Float = npt.NDArray[np.float64]
 
 
 def starts(rig: GaussianRig, counts: npt.NDArray[Any]) -> Float:
-    """A matched filter's start (τ [ns], A, B) of every pixel, (row, col, 3): that of the estimator's general path."""
+    """Start of every pixel by matched filter, (τ [ns], A, B), (row, col, 3): as in the general path of the estimator."""
     from ...estimators.gated.tools.design import design_of
     from ...estimators.gated.tools.poisson_fit import start
     from ...estimators.gated.tools.stack import read_stack
@@ -47,7 +47,7 @@ def compare(
     *, signal_e: float = 1e4, background_e: float = 15.0, rows: int = 64, cols: int = 512, peer_pixels: int = 400,
     smooth: bool = True, seed: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
-    """CPU seconds per pixel and efficiency of both. `smooth`: a tilted wall; else delays at random per pixel.
+    """CPU seconds per pixel and efficiency of both. `smooth`: a tilted wall; otherwise random delays per pixel.
 
     Returns sizes, seconds per pixel, their ratio and the efficiency (bound/error)² of both on the peer's pixels.
     """

@@ -1,14 +1,14 @@
-"""Cost of the `direct` rung against mitransient (direct only, mono) at equal error, by the equal-error rule.
+"""Cost of the `direct` rung against mitransient (direct light only, mono) at equal error.
 
 Scene: the scanned bunny (or a library sphere where no mesh is given) before a wall, 512×512×64. The quantity is the
 expected photoelectrons per pixel and gate. R1 and R2 are independent references by other code: Mitsuba's own sensor,
-emitter and BSDF at random film positions, exact times and error functions, nothing binned (`exact_reference`).
-ε² = Σ(X−R1)(X−R2)/ΣR1R2 is free of reference noise. The peer runs at ≥ 4 sample counts × ≥ 5 seeds; ε² = floor² + v/N and
-cost = a + qN are fitted, and its cost is read at the ε asked for. A histogram's bin sets the peer's floor (a pixel's
-whole echo moves to the bin's centre), so several bin widths are tried and the cheapest that reaches ε counts. The peer's
-cost is its rendering alone: gating its histogram is not counted. Compilation and loading are left out on both sides.
-Both use all cores; runs alternate. `--clock wall` (the default) wants a quiet machine; `--clock cpu` counts the seconds
-of all threads, also those in which they wait for each other.
+emitter and BSDF at random film positions, exact times and error functions, without a histogram (`exact_reference`).
+ε² = Σ(X−R1)(X−R2)/ΣR1R2 is unbiased by noise of the references. The peer runs at ≥ 4 sample counts × ≥ 5 seeds;
+ε² = floor² + v/N and cost = a + qN are fitted, and its cost is evaluated at the given ε. The bin of the histogram sets the
+floor of the peer (the whole echo of a pixel moves to the centre of the bin), so several bin widths are tried and the
+cheapest that reaches ε counts. The cost of the peer is its rendering only: gating the histogram is not counted.
+Compilation and loading are excluded on both sides. Both use all cores; runs alternate. `--clock wall` (the default) needs
+an idle machine; `--clock cpu` counts the seconds of all threads, including those in which they wait for each other.
 
     python -m beambench.benchmarks.peers.mitransient_direct [MESH] [--size 512] [--quick]
 """
@@ -53,7 +53,7 @@ _BAND_BYTES = 600 * 2**20
 
 
 def bunny_scene(mesh: str | None, size: int) -> Scene:
-    """A mesh before a wall, Lambert both, seen by a coaxial rig whose beam covers the view evenly."""
+    """A mesh before a wall, both Lambertian, and a coaxial rig whose beam covers the field of view evenly."""
     shape: dict[str, Any] = {"kind": "sphere", "center_m": [0.0, 0.05, 4.6], "radius_m": 0.35}
     if mesh:
         shape = {
@@ -155,7 +155,7 @@ class MitransientDirect:
         self.scene = mi.load_dict(parts, parallel=False)
 
     def run(self, samples: int, seed: int) -> tuple[NDArray[np.float32], float]:
-        """Stack (slices, pixels) in the peer's units (radiance per unit intensity), and seconds of rendering."""
+        """Stack (slices, pixels) in units of the peer (radiance per unit intensity), and seconds of rendering."""
         stack = np.empty((self.gates.shape[1], self.rows * self.cols), dtype=np.float32)
         seconds, first = 0.0, 0
         for band in range(len(self.scene.sensors())):
@@ -242,14 +242,14 @@ def equal_error_cost(samples: Any, squared: Any, seconds: Any, epsilon: float) -
 def ours(
     scene: Scene, tracer: Tracer, rtol: float, out: NDArray[np.float32] | None = None
 ) -> tuple[NDArray[np.float32], float]:
-    """Our expected stack (slices, pixels) and seconds, scene loaded and kernels compiled before."""
+    """Our expected stack (slices, pixels) and seconds; the scene is loaded and kernels are compiled beforehand."""
     spec = gated_rig(scene).delays
     delays: Float = spec.start_s + spec.step_s * np.arange(spec.count, dtype=np.float64) + gated_rig(scene).t0_s
     if out is None:
         out = np.zeros((len(delays), gated_rig(scene).camera.rows * gated_rig(scene).camera.cols), dtype=np.float32)
-    out.fill(0.0)  # memory is the process's already, as the peer's is: its allocator keeps what it had
+    out.fill(0.0)  # the process already has the memory, as for the peer, whose allocator keeps it
     start = _clock()
-    direct = render_direct(scene, rtol, tracer, with_truth=False)  # the peer makes none
+    direct = render_direct(scene, rtol, tracer, with_truth=False)  # the peer creates none
     render_stack(direct.returns, gate_tables(scene)[0], delays, np.ones(len(delays)), None, out)
     return out, _clock() - start
 

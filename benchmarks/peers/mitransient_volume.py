@@ -1,19 +1,19 @@
 """mitransient's volumetric integrator as an independent reference of gated stacks, in air and in homogeneous water.
 
 `transient_prbvolpath` starts every path outside all media (its source says that sensors inside media are not supported
-yet), which is several times too bright in water. Here its own source is loaded with that one line set to the scene's
-medium (`_in_water`): neither a housing around the camera nor a null interface is needed.
+yet), which makes water several times too bright. Its source is therefore loaded with that one line set to the medium of
+the scene (`_in_water`), so that neither a housing around the camera nor a null interface is needed.
 
 Geometry is written to files and read by Mitsuba; Lambert is Mitsuba's own `diffuse`, Henyey-Greenstein its own `hg`; other
-phase functions are sampled from a table of their own (one cell of sin²(ψ/2) in which the value is constant, other than
-the tracer's). The lamp is Mitsuba's `spot`.
+phase functions are sampled from a separate table, constant in each cell of sin²(ψ/2), unlike that of our path tracer. The
+lamp is Mitsuba's `spot`.
 
-The histogram of optical paths has bins of σ_R/`divisor`, each taken at its middle: it adds (σ_R/divisor)²/12 to R's
-variance, 1/3072 of it at 16. Light in air is traced by `transient_path`.
+The histogram of optical paths has bins of σ_R/`divisor`, each evaluated at its middle: it adds (σ_R/divisor)²/12 to the
+variance of R, 1/3072 of it at 16. Light in air is traced by `transient_path`.
 
-How far it reaches: its estimate has infinite variance where scattering comes close to the lamp (1/d²), and narrow turns
-toward the lamp are found by chance alone. In harbour water 65,536 samples a pixel leave ε between .5 and 1.4, most runs
-being too dark and a few far too bright: there it is no reference.
+Limits: its estimate has infinite variance for scattering close to the lamp (1/d²), and small deflections toward the lamp
+are sampled by chance only. In harbour water 65,536 samples per pixel leave ε between .5 and 1.4, most runs being too dark
+and a few far too bright: it cannot serve as a reference there.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def mitransient_reference(
 
     Main arguments:
         scene: gated; a flat-top beam; any material and homogeneous medium.
-        slices: delays, scales, gates and the gate's extra delay in each pixel.
+        slices: delays, scales, gates and the extra delay of the gate in each pixel.
         seed, samples: random numbers, and samples per pixel.
     Other arguments:
         max_depth: as mitransient counts (2 is direct light); −1 for all light.
@@ -89,7 +89,7 @@ class MitransientVolume:
         camera, laser = rig.camera, rig.laser
         if laser.illumination.profile != "flat-top":
             raise InputError(
-                "The peer's spot light is flat.", where=f"{scene.name}: rig.laser.illumination.profile",
+                "The spot light of mitransient is flat-top only.", where=f"{scene.name}: rig.laser.illumination.profile",
                 value=laser.illumination.profile, allowed="flat-top",
             )  # fmt: skip
         self.rows, self.cols, self.slices = camera.rows, camera.cols, slices
@@ -113,7 +113,7 @@ class MitransientVolume:
         for number, item in enumerate(scene.target):
             parts[f"o{number}"] = _target(mi, item, os.path.join(folder, f"o{number}.ply"))
         if water:
-            # A shell around everything carries the medium; nothing comes back from beyond it.
+            # A shell around the scene contains the medium; no light returns from beyond it.
             parts["water"] = {
                 "type": "sphere", "radius": 1000.0, "bsdf": {"type": "null"}, "interior": _medium(mi, scene),
             }  # fmt: skip
@@ -163,7 +163,7 @@ class MitransientVolume:
         return self.gated(total / rounds)
 
     def gated(self, histogram: Float) -> NDArray[np.float32]:
-        """The stack of a histogram: every bin's light at its middle."""
+        """The stack of a histogram: the light of every bin at its middle."""
         centre = self._first_s + self._bin_s * (np.arange(self.bins) + 0.5)
         s = self.slices
         out = np.empty((len(s.delay_s), self.rows * self.cols), dtype=np.float32)
@@ -186,7 +186,7 @@ def _lamp(mi: Any, scene: Scene) -> dict[str, Any]:
     toward = where + beam_axis(laser.illumination.offset_rad)
     return {
         "type": "spot", "intensity": {"type": "spectrum", "value": 1.0},
-        # Between both angles the light falls linearly: over 1e-5 of the beam.
+        # Between the two angles the light falls linearly: over 1e-5 of the beam.
         "cutoff_angle": half * (1.0 + 5e-6), "beam_width": half * (1.0 - 5e-6),
         "to_world": mi.ScalarTransform4f().look_at(origin=where.tolist(), target=toward.tolist(), up=[0, 1, 0]),
     }  # fmt: skip
@@ -227,13 +227,15 @@ def _medium(mi: Any, scene: Scene) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def _in_water() -> None:
-    """Register the peer's integrator with the medium of the sensor set."""
+    """Register the integrator of the peer with the medium of the sensor set."""
     mitsuba()
     from mitransient.integrators import transient_prbvolpath as peer
 
     source = Path(str(peer.__file__)).read_text(encoding="utf-8")
     if source.count(_UNSET) != 1:
-        raise RuntimeError(f"mitransient's integrator is not the one this was written for: {peer.__file__}")
+        raise RuntimeError(
+            f"The source of mitransient's integrator has changed, so it cannot be adapted: {peer.__file__}."
+        )
     source = source.replace(_UNSET, _SET).replace('"transient_prbvolpath"', f'"{_NAME}"')
     with tempfile.TemporaryDirectory() as folder:
         # drjit.syntax reads the source of what it transforms, once, at import.

@@ -1,9 +1,9 @@
-"""Cost of the `direct` rung against its two unavoidable parts: the ray hits, and one pair of error functions per pixel and gate.
+"""Cost of the `direct` rung against its two unavoidable parts: ray hits, and one pair of error functions per pixel and gate.
 
     python -m beambench.benchmarks.peers.rays_and_erf [MESH] [--size 512] [--rtol 0.003]
 
-The floor traces the same number of rays as ours and calls `scipy.special.erf` twice per pixel and slice into a
-preallocated array (threads shared out by rows, as ours are); loading and compilation are left out; runs alternate.
+The floor traces the same number of rays and calls `scipy.special.erf` twice per pixel and slice into a preallocated array
+(rows divided over threads, as in ours); loading and compilation are excluded; runs alternate.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["compare"]
 
 
 def compare(mesh: str | None, size: int, rtol: float, repeats: int = 7) -> dict[str, Any]:
-    """Ratio of our wall time to the floor's, run by run."""
+    """Ratio of our wall time to that of the floor, run by run."""
     scene = bunny_scene(mesh, size)
     tracer = Tracer(scene)
     rays = render_direct(scene, rtol, tracer).rays

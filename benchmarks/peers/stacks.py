@@ -1,7 +1,7 @@
-"""Stacks for comparisons: a Gaussian response, written down in numpy alone, with its declared rig and its exact bound.
+"""Stacks for comparisons: a Gaussian response in closed form by numpy alone, with its declared rig and its exact bound.
 
 Pulse and gate are Gaussian, so R(u) = exp(−(u−u₀)²/2σ_R²)·a with σ_R² = σ_p² + σ_g². The counts come from this closed
-form, the declared rig holds samples: an estimator that reads them wrongly shows it here. No renderer takes part.
+form, while the declared rig contains samples, which reveals an estimator that reads them wrongly. No renderer is used.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class GaussianRig:
 
     @property
     def part_s(self) -> float:
-        """σ of the pulse and of the gate."""
+        """σ of the pulse, equal to that of the gate."""
         return float(self.sigma_s / np.sqrt(2))
 
     @property
     def centre_s(self) -> float:
-        """u₀: the argument at which R is greatest (the gate's middle lies half a width behind its opening edge)."""
+        """u₀: the argument at which R is greatest (the middle of the gate is half a width after its opening edge)."""
         return float(self.part_s * np.sqrt(2 * np.log(2)))
 
     @property
@@ -53,7 +53,7 @@ class GaussianRig:
         return np.asarray(self.start_s + self.step_s * np.arange(self.slices), dtype=np.float64)
 
     def response(self, u_s: Float) -> Float:
-        """R(u) for a gate of transmission 1 at its middle."""
+        """R(u) for a gate with transmission 1 at its middle."""
         return np.asarray(np.exp(-0.5 * ((u_s - self.centre_s) / self.sigma_s) ** 2) * self.part_s / self.sigma_s)
 
     def declared(self, rows: int, cols: int) -> dict[str, Any]:
@@ -90,15 +90,15 @@ class GaussianRig:
         }  # fmt: skip
 
     def electrons(self, tau_s: Float, signal_e: float | Float, background_e: float | Float) -> Float:
-        """Expected photoelectrons (slice, …) of echoes at tau_s; `signal_e` is their sum over all delays of the
-        endless grid, `background_e` the level per slice."""
+        """Expected photoelectrons (slice, …) of echoes at tau_s; `signal_e` is their sum over an infinite
+        grid of delays, `background_e` the level per slice."""
         r = self.response(tau_s[None] - self.delay_s.reshape(-1, *([1] * np.ndim(tau_s))))
         amplitude = signal_e / (np.sqrt(2 * np.pi) * self.part_s / self.step_s)
         return np.asarray(amplitude * r + background_e)
 
 
 def stack_capture(rig: GaussianRig, counts: npt.NDArray[Any], rig_json: dict[str, Any] | None = None) -> xr.Dataset:
-    """A recorded-style gated capture (no truth) of counts (slice, row, col)."""
+    """A gated capture without truth, as if recorded, of counts (slice, row, col)."""
     declared = rig_json or rig.declared(*counts.shape[1:])
     coords = {
         "delay": rig.delay_s, "gate": 0, "pulses": 1, "laser_on": True,
@@ -111,7 +111,7 @@ def stack_capture(rig: GaussianRig, counts: npt.NDArray[Any], rig_json: dict[str
 
 
 def poisson_bound(rig: GaussianRig, tau_s: Float, signal_e: float | Float, background_e: float | Float) -> Float:
-    """Cramér-Rao bound on range [m] of exact Poisson counts with amplitude and background profiled, shape of tau_s.
+    """Cramér-Rao bound on range [m] for pure Poisson counts, amplitude and background as nuisances, in the shape of tau_s.
 
     J = Σ_k ∂μ_k ∂μ_kᵀ/μ_k over (τ, A, B) is the exact information of Poisson counts; the bound is √(J⁻¹)_ττ·c/2n_g.
     """

@@ -1,11 +1,12 @@
 """Cost of the `full` rung in homogeneous water against mitransient's volumetric integrator, and of `scatter` against `full`.
 
-Rule: R1 and R2 are two `full` stacks of other seeds of four times the largest count (the peer cannot give a reference:
-it needs 10⁷ paths a pixel for one per cent); ε² = Σ(X − R1)(X − R2)/ΣR1R2 is free of their noise. Both sides run at four
-sample counts × five seeds; ε² = floor² + v/N and cost = a + qN are fitted, the peer's floor being zero, and costs are read at
-the same ε. Beyond 4 × its largest count the peer's cost is a lower bound. The cost is that of the whole stack in CPU
-seconds of all threads; scenes are loaded and kernels compiled before. Against `scatter` the sample counts end at what ε needs
-by a pilot, 2400 at most; `scatter` has a constant cost (the water's tables), so that its gain grows with the image.
+R1 and R2 are two `full` stacks of other seeds with four times the largest sample count (the peer cannot give a reference:
+it needs 10⁷ paths per pixel for one per cent); ε² = Σ(X − R1)(X − R2)/ΣR1R2 is unbiased by their noise. Both sides run at
+four sample counts × five seeds; ε² = floor² + v/N and cost = a + qN are fitted, with floor zero for the peer, and costs are
+compared at the same ε. Beyond 4 × its largest count the cost of the peer is a lower bound. The cost is that of the whole
+stack in CPU seconds of all threads; scenes are loaded and kernels compiled beforehand. Against `scatter` the largest sample
+count is the one that a pilot predicts for ε, 2400 at most; `scatter` has a constant cost (the tables of the water), so
+that its gain grows with the image.
 
     python -m beambench.benchmarks.peers.volume_cost [--quick]
 """
@@ -54,7 +55,7 @@ GOAL_PEER, GOAL_SCATTER = 3.0, 100.0
 
 
 def water_scene(name: str, size: int = 16) -> Scene:
-    """A wall across the view in one of `WATERS`, a lamp beside a camera of ±17°, 24 gates about the wall."""
+    """A wall across the field of view in one of `WATERS`, a lamp beside a camera of ±17°, 24 gates around the wall."""
     absorption, scattering, distance = WATERS[name]
     per_metre = 1.36 / 299_792_458.0
     first, last = 2 * (distance - 0.5), 2 * (distance + 0.3)
@@ -130,8 +131,8 @@ def _measure(
 
 
 def _cost_at(run: dict[str, Any], epsilon: float, floor: bool) -> tuple[float, str]:
-    """CPU seconds at ε. With `floor`, ε² = floor² + v/N is fitted; without, the floor is zero, in favour of an estimate
-    without bias whose outliers a fit would take for one. "at least": the cost at 4 × the largest count, where more is needed."""
+    """CPU seconds at ε. With `floor`, ε² = floor² + v/N is fitted; without, the floor is zero, in favour of an unbiased
+    estimate whose outliers a fit would take for a floor. "at least": more than 4 × the largest count is needed."""
     n, e2, cost = run["n"], run["e2"], run["cost"]
     if np.mean(e2[n == n.min()]) <= epsilon**2:
         return float(np.median(cost[n == n.min()])), "fewest samples"
@@ -171,7 +172,7 @@ def compare_with_peer(name: str, counts: Sequence[int], peer_counts: Sequence[in
 
 
 def compare_with_scatter(name: str, seeds: int, size: int, most: int = 2400, epsilon: float = 0.01) -> dict[str, Any]:
-    """CPU seconds of `full` at ε over those of `scatter`, where scatter's own error allows ε."""
+    """CPU seconds of `full` at ε over those of `scatter`, where the error of `scatter` itself is below ε."""
     rungs = _Rungs(water_scene(name, size))
     least = 16 * max(4096 // size**2, 1)  # one round of `render_remainder`: small images get several lanes a pixel
     pilot = 2 * least
@@ -180,7 +181,7 @@ def compare_with_scatter(name: str, seeds: int, size: int, most: int = 2400, eps
     needed = pilot * max(squared_error(one, two, three), 0.0) / epsilon**2
     top = int(np.clip(1.2 * needed, pilot, most))
     counts = sorted({max(top // k, least) for k in (8, 4, 2, 1)})
-    # A large image averages the references' noise away by itself.
+    # Over a large image the noise of the references averages out.
     refs = tuple(rungs.full(top * (4 if size < 64 else 1), seed, 5e-4) for seed in (10_001, 10_002))
     full = _measure(lambda n, seed: rungs.full(n, seed, 0.3 * epsilon), counts, seeds, (refs[0], refs[1]))
     rungs.scatter(0.3 * epsilon)

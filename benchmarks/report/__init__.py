@@ -1,1 +1,1 @@
-"""The report page and what its tables, charts and sentences are made from."""
+"""The report page: its tables, charts and sentences."""

@@ -23,7 +23,7 @@ _CELLS = Mapping[tuple[str, str, str], Sequence[tuple[float, float, float, float
 
 
 def read_breakdown(folder: Path) -> list[dict[str, Any]]:
-    """The rows of breakdown.csv in a run's folder; none where there is no such file."""
+    """The rows of breakdown.csv in the folder of a run; empty without such a file."""
     path = folder / "breakdown.csv"
     if not path.is_file():
         return []
@@ -36,7 +36,7 @@ def read_breakdown(folder: Path) -> list[dict[str, Any]]:
 
 
 def _level(level: float, low: float, high: float) -> str:
-    """`0.12 [0.11, 0.13]`; an open end where the levels do not reach far enough."""
+    """`0.12 [0.11, 0.13]`; an open end where the range of levels is too small."""
     if all(map(math.isnan, (level, low, high))):
         return "–"
     if math.isnan(high) and math.isnan(level):
@@ -65,7 +65,7 @@ def breakdown_table(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 
 def page_section(folder: Path) -> dict[str, Any] | None:
-    """What the page shows of breakdown: heading, table and pictures; None where a run has no such table."""
+    """Breakdown section of the page: heading, table and pictures; None where the run has no such table."""
     rows = read_breakdown(folder)
     maps = sorted((folder / "maps").glob("*.svg")) if (folder / "maps").is_dir() else []
     if not rows and not maps:
@@ -110,7 +110,7 @@ def save_maps(
 
 
 def curve_name(estimator: str, condition: str) -> str:
-    """How pictures name an estimator under a condition: the plain one goes without."""
+    """Name of an estimator in pictures; a condition other than the default is added."""
     return estimator if condition in ("", "matched") else f"{estimator} ({condition})"
 
 
@@ -123,7 +123,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def _pooled(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """One row per estimator and point: that over all scenes, where there are several."""
+    """One row per estimator and point; with several scenes the row over all scenes."""
     several = any(row["scene"] == "all" for row in rows)
     return [dict(row) for row in rows if not several or row["scene"] == "all"]
 
@@ -141,7 +141,7 @@ def _scale(values: Sequence[float]) -> Any:
 
 
 def _axis(values: Sequence[float]) -> Any:
-    """Plain numbers where they are short, powers of ten where they are not."""
+    """Plain numbers where they are short, otherwise powers of ten."""
     import altair as alt
 
     from ..statistics.levels import is_log
@@ -156,7 +156,7 @@ def _axis(values: Sequence[float]) -> Any:
 
 
 def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Failure rate with its interval at every measured level, and the intervals of the 10 and 50 % levels."""
+    """Failure rate with its interval at every measured level, and the intervals of the 10 % and 50 % levels."""
     import altair as alt
 
     labels = list(dict.fromkeys(str(p["estimator"]) for p in points))

@@ -49,13 +49,13 @@ class Cell:
     throughput: float
     peak_bytes: float
     status: str
-    #: What the rows that were pooled say, each once.
+    #: The statuses of the pooled rows, each once.
     statuses: tuple[str, ...] = ()
-    #: (seed, n, rmse_full, cpu_s) of each row that was pooled.
+    #: (seed, n, rmse_full, cpu_s) of each pooled row.
     per_seed: tuple[tuple[int, float, float, float], ...] = ()
-    #: In its panel: "front", "dominated", "undecided", or "" where it is not drawn; see `report_front`.
+    #: In its panel: "front", "dominated", "undecided", or "" where it is not drawn; see `front.py`.
     verdict: str = ""
-    #: No other point of the panel is better in both figures as they stand.
+    #: No other point of the panel has both smaller error and smaller cost, intervals disregarded.
     front: bool = False
     cpu_lo: float = math.nan
     cpu_hi: float = math.nan
@@ -64,7 +64,7 @@ class Cell:
 
     @property
     def ok(self) -> bool:
-        """True where the estimator ran to its end on every seed."""
+        """True where the estimator finished on every seed."""
         return self.status == "ok"
 
     @property
@@ -74,7 +74,7 @@ class Cell:
 
     @property
     def mixed(self) -> bool:
-        """True for the elements that hold several ranges, which are scored apart."""
+        """True for mixed elements (with several ranges), which are scored separately."""
         return self.quantity.endswith("-mixed")
 
     @property
@@ -84,17 +84,17 @@ class Cell:
 
     @property
     def fails(self) -> bool:
-        """True where it did not run though it applies, or failed on more than a tenth of the elements."""
+        """True where it applies but did not run, or failed on more than a tenth of the elements."""
         return not self.skipped and (not self.ok or self.failure_rate > FAILS_ABOVE)
 
     @property
     def noun(self) -> str:
-        """What an element is called, such as a pixel or a shot."""
+        """Name of an element, e.g. pixel or shot."""
         return layout_of(self.modality).noun if self.modality in LAYOUTS else "element"
 
     @property
     def place(self) -> str:
-        """The cell in words: scene, condition and stress."""
+        """Text for the cell: scene, condition and stress."""
         where = f"{self.scene}, {self.condition}" if self.condition else self.scene
         for axis, level in ((self.stress, self.level), (self.stress2, self.level2)):
             if axis:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["panel_title", "panels_of", "save_charts", "speed_accuracy_spec", "stress_groups", "stress_spec"]
 
-#: Okabe and Ito (2008), without black and yellow: told apart by the colour-blind, on white and on dark.
+#: Okabe and Ito (2008), without black and yellow: distinguishable by the colour-blind, on white and on dark.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 FRONT, OTHER, BOUND, GROUND = "#D55E00", "#5b8db8", "#8a8f98", "var(--card)"
 VERDICTS = ("front", "undecided", "dominated")
@@ -35,7 +35,7 @@ def panels_of(cells: list[Cell]) -> dict[Panel, list[Cell]]:
 
 
 def panel_title(panel: Panel, panels: dict[Panel, list[Cell]]) -> str:
-    """The scene, with stage and quantity where the page holds more than one."""
+    """The scene, with stage and quantity where the page has more than one."""
     several = len({(p[1], p[2]) for p in panels}) > 1
     return f"{panel[0]}: {panel[1]} {panel[2]}".strip() if several else panel[0]
 
@@ -43,7 +43,7 @@ def panel_title(panel: Panel, panels: dict[Panel, list[Cell]]) -> str:
 def speed_accuracy_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
     """One panel: CPU time per element (x) against full RMSE (y), both logarithmic; lower left is better.
 
-    `page`: width of the container and colours that follow the page's scheme; otherwise fixed, dark on white.
+    `page`: use the width of the container and the colours of the page; otherwise fixed width, dark on white.
     """
 
     chart = _panel(cells, page=page)
@@ -81,7 +81,7 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
         else None,
     )
     ground = GROUND if page else "#ffffff"
-    # The page has the legend in its words.
+    # The text of the page explains the marks.
     legend = None if page else alt.Legend(title=None, orient="top", symbolStrokeWidth=2)
     fill = alt.Fill("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, ground, OTHER]), legend=legend)
     stroke = alt.Stroke("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, FRONT, OTHER]), legend=legend)
@@ -123,7 +123,7 @@ def _bound_layers(bounds: list[float]) -> list[Any]:
 
 
 def _label_marks(base: Any, ground: str) -> list[Any]:
-    """Each label twice: the first, in the colour of the ground, keeps lines from crossing the letters of the second."""
+    """Each label twice: the first, in the background colour, keeps lines from crossing the letters of the second."""
     import altair as alt
 
     place: dict[str, Any] = {side: alt.ExprRef(f"datum.{side}") for side in ("align", "dx", "dy")}
@@ -197,7 +197,7 @@ def stress_groups(cells: list[Cell]) -> dict[tuple[str, str, str], list[Cell]]:
 
 
 def stress_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
-    """Share of failed elements (y) against the stress level (x), one line per estimator; a crash counts as 100 %."""
+    """Share of failed elements (y) against stress level (x), one line per estimator; a crash counts as 100 %."""
     import altair as alt
 
     labels = list(dict.fromkeys(c.label for c in cells))

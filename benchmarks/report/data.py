@@ -1,4 +1,4 @@
-"""Scores as the report, the comparison and the terminal read them."""
+"""Scores as read by the report, the comparison and the terminal summary."""
 
 from __future__ import annotations
 
@@ -70,15 +70,15 @@ _NUMBER = (
     "peak_bytes",
 )
 
-#: The columns of scores.csv that are read; others are ignored.
+#: The columns of scores.csv that are used; others are ignored.
 COLUMNS = (*_TEXT, *_NUMBER)
 
 
 def read_scores(path: str | Path) -> pd.DataFrame:
-    """Read a score table: a run's folder, or its scores.csv or scores.parquet.
+    """Read a score table: the folder of a run, or its scores.csv or scores.parquet.
 
     Raises:
-        InputError: nothing there, not a table, or a column of the contract is missing.
+        InputError: no such file, not a table, or a required column is missing.
     """
     import pandas as pd
 
@@ -87,7 +87,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
         found = [path / name for name in ("scores.csv", "scores.parquet") if (path / name).is_file()]
         if not found:
             raise InputError(
-                "The folder holds no score table.",
+                "The folder contains no score table.",
                 where=str(path),
                 allowed="a folder with scores.csv or scores.parquet",
                 next_step="beambench run quickstart",
@@ -97,7 +97,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
         if path.suffix == ".parquet":
             table = pd.read_parquet(path)
         else:
-            # Text stays text: the default reading would turn a scene named "NA" into a missing value.
+            # Text stays text: by default a scene named "NA" would be read as a missing value.
             blanks = {name: ["", "nan", "NaN"] for name in _NUMBER}
             table = pd.read_csv(path, dtype=dict.fromkeys(_TEXT, str), keep_default_na=False, na_values=blanks)
     except (OSError, ValueError, UnicodeDecodeError) as error:
@@ -105,7 +105,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
     missing = [name for name in COLUMNS if name not in table.columns]
     if missing:
         raise InputError(
-            "The table is no score table: columns are missing.",
+            "The table is not a score table: columns are missing.",
             where=str(path),
             value=missing,
             allowed="scores.csv or scores.parquet as `beambench run` writes it",
@@ -117,13 +117,13 @@ def read_scores(path: str | Path) -> pd.DataFrame:
             table[name] = pd.to_numeric(table[name]).astype(float)
         except (ValueError, TypeError) as error:
             raise InputError(
-                "A column of numbers holds something else.", where=f"{path}: {name}", value=str(error)
+                "A column of numbers contains other values.", where=f"{path}: {name}", value=str(error)
             ) from error
     return table
 
 
 def read_run(folder: Path) -> dict[str, Any]:
-    """Read run.json of a run's folder; without the file the record is empty: a score table alone can be reported."""
+    """Read run.json of a run; without the file the record is empty, so that a score table alone can be reported."""
     path = folder / "run.json"
     if not path.exists():
         return {}
@@ -140,7 +140,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     ):
         if record.get(name) is not None and not isinstance(record[name], kind):
             raise InputError(
-                "run.json holds something of another kind.", where=f"{path}: {name}", value=record[name], allowed=word
+                "A value in run.json has the wrong type.", where=f"{path}: {name}", value=record[name], allowed=word
             )
     return record
 
@@ -158,9 +158,9 @@ def seeds_of(table: pd.DataFrame) -> list[int]:
 def cells_of(table: pd.DataFrame) -> list[Cell]:
     """Pool the seeds of each cell.
 
-    Squares are averaged (weights: elements) for errors and bounds, means for rates; what is of the answered elements is
-    weighted by these. `bound_kind` is the weakest of the seeds'. CPU time is the median over seeds, and per element it
-    counts every element the estimator read: throughput × wall time.
+    Errors and bounds are averaged as squares (weights: elements), rates as means; statistics of answered elements are
+    weighted by their number. `bound_kind` is the weakest over the seeds. CPU time is the median over seeds; per element it
+    is divided by all elements that the estimator read (throughput × wall time).
     """
     keys = [
         "scene",
@@ -209,7 +209,7 @@ def _pool(group: pd.DataFrame) -> Cell:
         p95=_mean(group["p95"], valid),
         bound=math.sqrt(_mean(group["bound"] ** 2, valid)),
         bound_kind=weakest_kind(group["bound_kind"]),
-        # 1/efficiency is a mean square, so seeds pool as harmonic means; the interval is only known for one seed.
+        # 1/efficiency is a mean square, so seeds are pooled by a harmonic mean; the interval is known for one seed only.
         efficiency=float(1 / (1 / efficiency).mean()) if efficient else math.nan,
         efficiency_lo=float(first["efficiency_lo"]) if len(group) == 1 else math.nan,
         efficiency_hi=float(first["efficiency_hi"]) if len(group) == 1 else math.nan,
@@ -232,12 +232,12 @@ def _mean(values: pd.Series[float], weight: pd.Series[float]) -> float:
 
 
 def axis_text(name: str) -> str:
-    """The axis of a stress, "" where none was applied."""
+    """The axis of a stress, "" without stress."""
     return "" if name.lower() in {"", "none", "nan"} else name
 
 
 def level_text(level: str) -> str:
-    """A level in few digits."""
+    """A level with few digits."""
     try:
         return f"{float(level):g}"
     except ValueError:
@@ -245,18 +245,18 @@ def level_text(level: str) -> str:
 
 
 def base_cells(cells: list[Cell]) -> list[Cell]:
-    """The cells of unmixed elements without stress; where every cell is stressed, all of unmixed elements."""
+    """The cells of unmixed elements without stress; if every cell is stressed, all cells of unmixed elements."""
     plain = [cell for cell in cells if not cell.mixed]
     return [cell for cell in plain if not cell.stressed] or plain
 
 
 def unit_scale(cell: Cell) -> tuple[float, str]:
-    """Factor and unit in which people read a cell's quantity; as the table has it where the quantity is unknown here."""
+    """Factor and unit in which the quantity of a cell is displayed; unchanged for a quantity unknown to this version."""
     return shown_as(cell.modality, cell.quantity, cell.unit)
 
 
 def shown_as(modality: str, quantity: str, unit: str) -> tuple[float, str]:
-    """Factor and unit in which people read a quantity of a modality; `unit` where this version does not know it."""
+    """Factor and unit in which a quantity of a modality is displayed; 1 and `unit` if unknown to this version."""
     if modality in LAYOUTS:
         for known in layout_of(modality).quantities:
             if known.name == quantity.removesuffix("-mixed") and unit in ("", known.unit):

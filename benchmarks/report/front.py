@@ -1,7 +1,7 @@
-"""Verdicts of the report's speed-accuracy chart: intervals of both figures, and front, dominated or undecided.
+"""Verdicts of the speed-accuracy chart: intervals of error and time, and front, dominated or undecided.
 
-Errors are compared tile by tile on the captures that estimators share (`error_tiles`), or seed by seed in a table without
-tiles; times by the scatter of their calls (`costs`), or that over seeds. Without either, nothing is certain.
+Errors are compared tile by tile on the captures that estimators share (`error_tiles`), or seed by seed for a table without
+tiles; times by the scatter of calls (`costs`), or over seeds. Without either, every point is undecided.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def mark_front(
     costs: Sequence[Mapping[str, Any]] = (),
     tiles: Mapping[TileKey, tuple[Float, Float]] | None = None,
 ) -> None:
-    """Set `verdict`, `front` and the intervals of each cell, among those of one panel and condition.
+    """Set `verdict`, `front` and the intervals of each cell, by comparison within one panel and condition.
 
     Main arguments:
         cells: of the report. costs: rows of costs.csv. tiles: of errors_by_tile.npz.
@@ -80,7 +80,7 @@ def _over_seeds(cell: Cell) -> tuple[float, float]:
 
 
 def _units(group: list[Cell], tiles: Mapping[TileKey, tuple[Float, Float]]) -> tuple[Float, Float]:
-    """Squared errors (cell, unit) on the units that all cells share, and elements per unit."""
+    """Squared errors (cell, unit) on the units (tiles or seeds) that all cells share, and elements per unit."""
     seeds = sorted(set.intersection(*({seed for seed, *_ in cell.per_seed} for cell in group)))
     first = group[0]
     keys = [[(c.scene, c.condition, seed, c.label) for seed in seeds] for c in group]

@@ -1,4 +1,4 @@
-"""Where labels, limits and ticks of a logarithmic panel go."""
+"""Placement of labels, limits and ticks of a logarithmic panel."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _TOGETHER = 45
 
 
 def place_labels(points: list[dict[str, Any]], cpus: list[float], errors: list[float]) -> None:
-    """Give each label a side of its point where it covers no point and no label; `cpus` and `errors` span the axes.
+    """Place each label on a side of its point where it covers no point or label; `cpus` and `errors` span the axes.
 
-    An estimator's further points (other conditions) are labelled only where they lie apart from the labelled ones.
+    Further points of an estimator (other conditions) are labelled only where they are apart from the labelled ones.
     """
     if not points:
         return
@@ -75,7 +75,7 @@ def _distance(box: tuple[float, float, float, float], at: tuple[float, float]) -
 
 
 def log_domain(values: list[float]) -> tuple[float, float]:
-    """Logarithmic limits with room for labels; at least half a decade, so that a tie is not blown up."""
+    """Logarithmic limits with room for labels; at least half a decade, so that small differences are not exaggerated."""
     lo, hi = min(values), max(values)
     room = max(0.12 * math.log10(hi / lo), (0.5 - math.log10(hi / lo)) / 2, 0.05)
     return lo / 10**room, hi * 10 ** (room * 1.25)

@@ -1,4 +1,4 @@
-"""The report page of a run: one offline file with chart, table, pictures, failures and how to repeat it."""
+"""The report page of a run: one offline file with charts, tables, pictures, failures and the command to repeat it."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ __all__ = ["write_report"]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
-#: What the bundled libraries leave for the page's script.
+#: Names that the bundled libraries provide to the script of the page.
 _EXPORTS = "window.vegaEmbed = vegaEmbed;"
 
 
 def write_report(run_dir: str | Path) -> Path:
-    """Write `report.html`, `speed-accuracy.png` and `.svg` into a run's folder and return the page's path.
+    """Write `report.html`, `speed-accuracy.png` and `.svg` into the folder of a run and return the path of the page.
 
-    Reads scores.csv (or .parquet), run.json and pictures/*.npz. The page asks for nothing over the network, and its
-    security policy forbids it to; names are escaped, so a table from a stranger is safe to open.
+    Reads scores.csv (or .parquet), run.json and pictures/*.npz. The page loads nothing over the network, and its security
+    policy forbids it; names are escaped, so that a table from an unknown source is safe to open.
 
     Raises:
         InputError: no score table, or an unreadable file.
@@ -94,7 +94,7 @@ def _render(**content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    # Our own files and the bundled library; everything from the run goes in as data and is escaped.
+    # Only our own files and the bundled library are trusted; everything from the run is inserted as data and escaped.
     trusted = {
         "css": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
         "script": (_TEMPLATES / "report.js").read_text(encoding="utf-8"),
@@ -105,7 +105,7 @@ def _render(**content: Any) -> str:
 
 
 def _script_json(value: object) -> str:
-    """JSON that cannot end the script element that holds it."""
+    """JSON that cannot end the script element in which it stands."""
     text = json.dumps(value, allow_nan=False)
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")

@@ -30,7 +30,7 @@ class Place:
 def write_picture(
     folder: Path, place: Place, quantity: Quantity, value: Array, valid: Array, truth: Array, error: Array
 ) -> Path:
-    """Write one picture, all arrays (row, col) in the quantity's unit, NaN where there is no answer or no truth."""
+    """Write one picture; all arrays (row, col) in the unit of the quantity, NaN where there is no answer or no truth."""
     factor, unit = quantity.display
     arrays: dict[str, Array] = {
         "value": np.where(valid, value, np.nan).astype(np.float32),
@@ -46,7 +46,7 @@ def write_picture(
     }
 
     def save(path: Path) -> None:
-        # As numpy.savez_compressed, at zlib's fastest level: noise does not shrink further, in five times the time.
+        # As numpy.savez_compressed, at zlib's fastest level: higher levels take five times as long and save nothing on noise.
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             for name, array in arrays.items():
                 with archive.open(f"{name}.npy", "w") as file:

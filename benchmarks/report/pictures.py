@@ -1,4 +1,4 @@
-"""Pictures of estimates: colour maps, a small palette PNG writer, and the pictures that a run leaves for its report."""
+"""Pictures of estimates: colour maps, a small palette PNG writer, and the picture files of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
     "value_limits",
 ]
 
-#: Anchors of viridis (Smith and van der Walt 2015, CC0): lightness rises evenly, also for the colour-blind and in grey.
+#: Anchors of viridis (Smith and van der Walt 2015, CC0): perceptually uniform, also for the colour-blind and in grey.
 SEQUENTIAL = (
     "#440154",
     "#482878",
@@ -54,10 +54,10 @@ DIVERGING = (
     "#b2182b",
     "#67001f",
 )
-#: Colour of elements for which an estimator gave no answer.
+#: Colour of elements without an answer.
 INVALID = "#3a3a3a"
 
-_STEPS = 128  # colour steps: below what the eye tells apart, and noisy pictures compress to half the size of 254
+_STEPS = 128  # colour steps: finer than visible, and noisy pictures compress to half the size of 254 steps
 _MAX_SIDE = 320  # longest side of a picture in the page, pixels
 _MAX_ELEMENTS = 64 * 2**20
 _WORDS = ("scene", "estimator", "condition", "quantity", "unit")
@@ -65,8 +65,8 @@ _WORDS = ("scene", "estimator", "condition", "quantity", "unit")
 
 @dataclass(frozen=True)
 class Picture:
-    """One estimator's answer on one capture: arrays (row, col); `value`, `truth`, `error` of `quantity` in `unit`, NaN where
-    there is none. `shown`: factor and unit in which people read an error."""
+    """Estimate of one capture by one estimator: arrays (row, col); `value`, `truth`, `error` of `quantity` in `unit`, NaN
+    where there is none. `shown`: factor and unit in which errors are displayed."""
 
     scene: str
     estimator: str
@@ -81,10 +81,10 @@ class Picture:
 
 
 def read_pictures(folder: Path) -> list[Picture]:
-    """Read every .npz of a run's `pictures` folder, in the order of names.
+    """Read every .npz of the `pictures` folder of a run, ordered by name.
 
     Raises:
-        InputError: a file that is not such a picture.
+        InputError: a file is not such a picture.
     """
     return [_read(path) for path in sorted(folder.glob("*.npz"))]
 
@@ -103,7 +103,7 @@ def _read(path: Path) -> Picture:
     shape = arrays[first].shape
     if len(shape) != 2 or not 0 < arrays[first].size <= _MAX_ELEMENTS or any(a.shape != shape for a in arrays.values()):
         raise InputError(
-            "A picture file holds arrays of the wrong shape.",
+            "A picture file contains arrays of the wrong shape.",
             where=str(path),
             value={k: a.shape for k, a in arrays.items()},
             allowed="value, truth, error and valid, all of one shape (row, col)",
@@ -123,7 +123,7 @@ def _read(path: Path) -> Picture:
 
 
 def value_limits(truth: NDArray[Any], least: float) -> tuple[float, float]:
-    """Limits of the scale of values: the truth's extremes, widened to at least `least` so that a flat wall stays flat."""
+    """Limits of the scale of values: the extremes of the truth, widened to at least `least` so that a flat wall looks flat."""
     finite = truth[np.isfinite(truth)]
     if not finite.size:
         return 0.0, 1.0
@@ -136,7 +136,7 @@ def error_limit(pictures: list[Picture]) -> float:
     """Half width of the shared error scale, in the quantity's unit: 3 × the lower quartile over estimators of their median
     |error|·1.4826.
 
-    Rounded up to 1, 2 or 5 times a power of ten. The quartile keeps bad estimators from washing out the good ones.
+    Rounded up to 1, 2 or 5 times a power of ten. With the quartile, bad estimators do not hide differences of good ones.
     """
     spreads = []
     for picture in pictures:
@@ -156,7 +156,7 @@ def png(
     """A palette PNG of a (row, col) array on the linear scale lo..hi.
 
     Values beyond the scale take its end colours. NaN is transparent, except where `answered` is given and False: there
-    the colour `INVALID` says that an answer was due and none came.
+    the colour `INVALID` marks a missing answer.
     """
     step = max(1, math.ceil(max(values.shape) / _MAX_SIDE))
     values = np.asarray(values, dtype=np.float64)[::step, ::step]
@@ -169,7 +169,7 @@ def png(
     palette = np.vstack([lut(anchors, _STEPS), [[0, 0, 0]], [_rgb(INVALID)]]).astype(np.uint8)
     alpha = bytes([255] * _STEPS + [0, 255])
     rows, cols = index.shape
-    # Each row starts with filter type 0 (none): palette indices are not numbers, so no filter helps.
+    # Each row starts with filter type 0 (none): filters do not help with palette indices.
     raw = np.hstack([np.zeros((rows, 1), np.uint8), index]).tobytes()
     return b"".join(
         [

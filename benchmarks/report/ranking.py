@@ -1,4 +1,4 @@
-"""The page's ranking: what ranking.csv says of a run, ranks as intervals."""
+"""The ranking on the page: ranking.csv of a run, with ranks as intervals."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _NUMBERS = (
 
 
 def read_ranking(folder: Path) -> list[dict[str, Any]]:
-    """The rows of ranking.csv; none where a folder has no such file.
+    """The rows of ranking.csv; empty where the folder has no such file.
 
     Raises:
-        InputError: the file is no such table.
+        InputError: the file is not such a table.
     """
     return read_numbers(folder / "ranking.csv", _NUMBERS, "The ranking")
 
@@ -36,9 +36,9 @@ def ranking_section(folder: Path) -> list[dict[str, Any]]:
     sections = []
     for key, rows in groups.items():
         scenes = int(rows[0]["scenes"])
-        note = f"Over {plural(scenes, 'scene')} as written."
+        note = f"Over {plural(scenes, 'scene')} without stress."
         if scenes < 6:
-            note += " Ranks and intervals need six scenes or more: nothing is decided here beyond single scenes."
+            note += " Ranks and intervals need at least six scenes; with fewer, all ranks remain open."
         factor, unit = shown_as(rows[0]["modality"], rows[0]["quantity"], rows[0].get("unit", ""))
         head = ("rank", "estimator", f"RMSE over scenes, {unit}", "coverage", "best on", "area of profile")
         sections.append({

@@ -1,4 +1,4 @@
-"""The page's table of all scores."""
+"""The table of all scores on the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["score_table"]
 
 
 def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
-    """One row per cell: its place, marks, and (number to sort by, text) of every figure."""
+    """One row per cell: scene and condition, marks, and (sort key, text) of every figure."""
     rows = []
     scenes = list(dict.fromkeys(cell.scene for cell in cells))
     for cell in sorted(cells, key=lambda c: _table_key(c, scenes)):
@@ -56,12 +56,12 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
 
 
 def _scatter(cell: Cell) -> str:
-    """Half the interval of the time, as a percentage."""
+    """Half the interval of the time, in per cent."""
     half = 0.5 * (cell.cpu_hi - cell.cpu_lo) / cell.cpu_per_element_s if cell.cpu_per_element_s > 0 else float("nan")
     return f" ± {rate(half)}" if half == half else ""
 
 
 def _table_key(cell: Cell, scenes: list[str]) -> tuple[Any, ...]:
-    """Scenes in the order of the run; in each, from the smallest error to the largest, those without one last."""
+    """Scenes in the order of the run; in each, from the smallest error to the largest, cells without an error last."""
     error = cell.rmse_full if cell.rmse_full == cell.rmse_full else float("inf")
     return (scenes.index(cell.scene), cell.stress, cell.condition != "matched", cell.condition, cell.mixed, error)

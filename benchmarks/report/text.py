@@ -1,4 +1,4 @@
-"""What a run says in words: the best, the fastest, and where each estimator fails."""
+"""The result of a run in sentences: the most accurate and the fastest estimator, and where each estimator fails."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Ranked:
 
 
 def rank(cells: list[Cell]) -> list[Ranked]:
-    """Estimators from the most to the least accurate; those that did not answer in every cell come last."""
+    """Estimators from the most to the least accurate; those without a result in every cell come last."""
     best: dict[tuple[str, ...], float] = {}
     for cell in cells:
         if cell.ok and cell.rmse_full >= 0:
@@ -65,7 +65,7 @@ def _where(cell: Cell) -> tuple[str, ...]:
 
 
 def _over(error: float, smallest: float) -> float:
-    """error/smallest, where both may be zero: a scene without noise."""
+    """error/smallest, where both may be zero (a scene without noise)."""
     return error / smallest if smallest > 0 else 1.0 if error == 0 else math.inf
 
 
@@ -76,16 +76,17 @@ def _geometric(values: list[float]) -> float:
 
 
 def _one_condition(cells: list[Cell]) -> tuple[list[Cell], str]:
-    """The cells of one condition, "matched" where there is one, and how to say so: figures of two are not pooled."""
+    """The cells of one condition ("matched" if present) and its name in parentheses: conditions are never pooled."""
     names = list(dict.fromkeys(cell.condition for cell in cells))
     chosen = "matched" if "matched" in names else (names[0] if names else "")
     return [c for c in cells if c.condition == chosen], f" ({chosen})" if len(names) > 1 else ""
 
 
 def beaten_by_best(cells: list[Cell], ranked: list[Ranked]) -> tuple[int, int]:
-    """(certainly worse than the first of `ranked`, all others) of those that answered wherever it did.
+    """Numbers of estimators (significantly worse than the first of `ranked`, others in all) with results in as many cells.
 
-    Over scenes, by paired differences with Holm's correction, as ranking.csv has it: below six scenes none is certain.
+    Over scenes, by paired differences with Holm's correction, as in ranking.csv: with fewer than six scenes none is
+    significant.
     """
     from ..statistics.pairs import pairwise
 
@@ -105,7 +106,7 @@ def beaten_by_best(cells: list[Cell], ranked: list[Ranked]) -> tuple[int, int]:
 
 
 def failures_of(cells: list[Cell]) -> dict[str, list[Cell]]:
-    """For each estimator, the cells where it did not run or failed on more than a tenth of the elements."""
+    """For each estimator, the cells in which it did not run or failed on more than a tenth of the elements."""
     return {
         label: [cell for cell in cells if cell.label == label and cell.fails]
         for label in dict.fromkeys(cell.label for cell in cells)
@@ -113,7 +114,7 @@ def failures_of(cells: list[Cell]) -> dict[str, list[Cell]]:
 
 
 def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
-    """Why an estimator was skipped, by label; several reasons are joined."""
+    """Reason for which an estimator was skipped, by label; several reasons are joined."""
     found: dict[str, dict[str, None]] = {}
     for cell in cells:
         for status in cell.statuses:
@@ -123,7 +124,7 @@ def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
 
 
 def summary(table: pd.DataFrame) -> list[str]:
-    """Three sentences: the smallest error and whether it is beyond doubt, the fastest, and who fails."""
+    """Three sentences: the smallest error and its significance, the fastest estimator, and the estimators that fail."""
     cells = cells_of(table)
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
@@ -133,16 +134,16 @@ def summary(table: pd.DataFrame) -> list[str]:
         return [
             "No estimator gave a result.",
             f"{plural(scenes, 'scene')} and {plural(seeds, 'seed')} were tried.",
-            "The list of failures below says why.",
+            "The list of failures below gives the reasons.",
         ]
     best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
     example = min((c for c in base if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None)
     factor, unit = unit_scale(example) if example else (1.0, "")
     detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
-    near = f", {best.bound_ratio:.2f} times the exact bound in the mean" if math.isfinite(best.bound_ratio) else ""
+    near = f", on average {best.bound_ratio:.2f} times the exact bound" if math.isfinite(best.bound_ratio) else ""
     beaten, others = beaten_by_best(base, ranked)
     claim = "is the most accurate" if beaten == others > 0 else "has the smallest error"
-    doubt = f"; {beaten} of {plural(others, 'other')} certainly worse over scenes" if others > beaten else ""
+    doubt = f"; {beaten} of {plural(others, 'other')} significantly worse over scenes" if others > beaten else ""
     first = (
         f"On {plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}, {best.label} {claim}{detail}{near}{doubt}."
     )
@@ -151,15 +152,15 @@ def summary(table: pd.DataFrame) -> list[str]:
     else:
         second = (
             f"{fastest.label} is the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun} "
-            f"({number(best.cpu_per_element_s / fastest.cpu_per_element_s)} times less) "
+            f"({number(best.cpu_per_element_s / fastest.cpu_per_element_s)} times less than {best.label}) "
             f"at {number(fastest.error_ratio)} times the smallest error."
         )
     failing = [label for label, places in said.items() if places]
     if failing:
         several = "estimators fail" if len(failing) > 1 else "estimator fails"
-        third = f"{len(failing)} {several} somewhere on over 10 % of the {noun}s: {_listed(failing)}."
+        third = f"{len(failing)} {several} on more than 10 % of the {noun}s in at least one case: {_listed(failing)}."
     else:
-        third = f"No estimator fails on more than 10 % of the {noun}s anywhere."
+        third = f"No estimator fails on more than 10 % of the {noun}s in any case."
     return [first, second, third]
 
 
@@ -170,7 +171,7 @@ def _fastest(ranked: list[Ranked]) -> Ranked:
 
 
 def closing_lines(scores: pd.DataFrame) -> list[str]:
-    """The last words of a run in the terminal: best, fastest, and where each estimator fails."""
+    """The last lines of a run in the terminal: most accurate and fastest estimator, and where each estimator fails."""
     cells = cells_of(scores)
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
@@ -181,7 +182,7 @@ def closing_lines(scores: pd.DataFrame) -> list[str]:
         near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
         speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
         beaten, others = beaten_by_best(base, ranked)
-        doubt = f", {beaten} of {plural(others, 'other')} certainly worse" if others else ""
+        doubt = f", {beaten} of {plural(others, 'other')} significantly worse" if others else ""
         lines = [
             f"best     {best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}"
         ]
@@ -194,12 +195,12 @@ def closing_lines(scores: pd.DataFrame) -> list[str]:
         if not places:
             continue
         shown = [_failure(cell) for cell in places[:3]]
-        more = f"; and {plural(len(places) - 3, 'more place')}" if len(places) > 3 else ""
+        more = f"; and {plural(len(places) - 3, 'more case')}" if len(places) > 3 else ""
         lines.append(f"fails    {label}: " + "; ".join(shown) + more)
     for label, reason in skips_of_cells(cells).items():
         lines.append(f"skipped  {label}: {reason}")
     if ranked and not any(said.values()):
-        lines.append(f"fails    none: every estimator failed on at most 10 % of the {cells[0].noun}s everywhere")
+        lines.append(f"fails    none: no estimator failed on more than 10 % of the {cells[0].noun}s in any case")
     return lines
 
 
@@ -218,7 +219,7 @@ def plural(count: int, noun: str) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number of `digits` significant digits without an exponent where that reads well; a dash where there is none."""
+    """A number with `digits` significant digits, without an exponent unless it is very small or large; a dash for NaN."""
     if not math.isfinite(value):
         return "–"
     if value == 0:
@@ -230,12 +231,12 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def span(low: float, high: float) -> str:
-    """` [low, high]`, nothing where an end is unknown."""
+    """` [low, high]`, or an empty text where an end is unknown."""
     return f" [{number(low)}, {number(high)}]" if math.isfinite(low) and math.isfinite(high) else ""
 
 
 def rate(value: float) -> str:
-    """A share as a percentage. Never rounds a share below one up to 100 %, nor one above zero down to 0 %."""
+    """A share in per cent. A share below one is never rounded to 100 %, nor one above zero to 0 %."""
     if not math.isfinite(value):
         return "–"
     text = f"{100 * value:.1f}"
@@ -247,7 +248,7 @@ def rate(value: float) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time in the unit that reads best, ns to s."""
+    """A time in a suitable unit, ns to s."""
     if not (math.isfinite(seconds) and seconds > 0):
         return "–"
     for factor, unit in ((1e9, "ns"), (1e6, "µs"), (1e3, "ms")):

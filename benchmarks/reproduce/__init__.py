@@ -1,1 +1,1 @@
-"""The published results, computed again, with a verdict on each."""
+"""Recomputation of published results, with a verdict on each."""

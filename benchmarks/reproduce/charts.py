@@ -6,7 +6,7 @@ from typing import Any
 
 __all__ = ["chart_svgs"]
 
-#: Okabe and Ito (2008): told apart by the colour-blind.
+#: Okabe and Ito (2008): distinguishable by the colour-blind.
 _COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"]
 _WIDTH, _HEIGHT = 430, 260
 

@@ -1,13 +1,13 @@
-"""Table 1, the two causes at once: an offset left in *and* the radial range taken for depth, Eq. 24 as it is printed.
+"""Table 1, both causes at once: an offset that is not subtracted *and* the radial range taken as depth; Eq. 24 as printed.
 
 A surface at the orthogonal distance z under the angle a has its echo at z/cos a. With a level B in every slice,
 
     weighted average    (ΣI r + BΣr)/(ΣI + BK)
     Eq. 24 as printed   (ΣI r³ + BΣr³)/(ΣI r² + BΣr²) / cos a
 
-and each is taken for a depth. The offset compresses the depth, the angle stretches it, Eq. 24's cosine stretches it once
-more: errors of opposite sign, which may cancel. B and the background's mean angle θ are fitted to the two numbers of
-Object 1; Object 2 is then a prediction. The table prints absolute values, so that all four pairs of signs are tried.
+and each is taken as a depth. The offset compresses the depth, the angle stretches it, and the cosine of Eq. 24 stretches
+it once more: errors of opposite sign, which may cancel. B and the mean angle θ of the background are fitted to the two
+numbers of Object 1; Object 2 is then a prediction. The table prints absolute values, so all four pairs of signs are tried.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ __all__ = ["FILLED", "Fits", "depths", "fits"]
 
 Array = NDArray[np.float64]
 
-#: The object's mean angle over the background's.
+#: Mean angle of the object over that of the background.
 FILLED = (0.0, 0.25, 0.5, 0.75, 0.9)
-#: The delays go this far beyond the background on the axis, in σ …
+#: The delays extend this far beyond the background on the axis, in σ …
 _FAR_SIGMAS = (5.0, 8.0)
-#: … and hold its echo out to 3 σ at the fitted angle: a cut echo would be a third cause.
+#: … and contain its echo up to 3 σ at the fitted angle: a truncated echo would be a third cause.
 _HELD_SIGMAS = 3.0
 _GRID = 100
-#: An offset as bright as Object 1's peak is no offset.
+#: Offsets are limited to the peak of Object 1.
 _LARGEST_OFFSET = 1.0
 
 
@@ -43,9 +43,9 @@ class Fits:
     """All pairs (B, θ) that give both numbers of Object 1, one entry per rig, filled share, pair of signs and solution.
 
     Main fields:
-        offset: B over Object 1's peak. angle_rad: θ. error1, error2: signed depth errors in % (fit, method) of Object 1
-        and 2, methods being weighted average and Eq. 24 as printed.
-        tried: combinations of rig and filled share. fitted: those of them that have a solution.
+        offset: B over the peak of Object 1. angle_rad: θ. error1, error2: signed depth errors in % (fit, method) of Object
+        1 and 2; the methods are weighted average and Eq. 24 as printed.
+        tried: combinations of rig and filled share. fitted: those of them with a solution.
     """
 
     offset: Array
@@ -86,13 +86,13 @@ def _found(sums: _Sums, rig: Rig, signal: float, offset: Array, angle: Array, fi
 
 
 def depths(rig: Rig, depth_m: float, signal: float, offset: Any, angle_rad: Any, filled: float) -> Array:
-    """Depths that weighted average and Eq. 24 as printed find, m, on the last axis, for each offset and angle."""
+    """Depths by weighted average and by Eq. 24 as printed, m, on the last axis, for each offset and angle."""
     level, angle = (np.asarray(value, dtype=np.float64) for value in (offset, angle_rad))
     return _found(_sums(rig, depth_m, angle, filled), rig, signal, level, angle, filled)
 
 
 def _offset(sums: _Sums, rig: Rig, wanted_m: Array, branch: Array) -> Array:
-    """B at which the weighted average finds the depth `wanted_m` for Object 1, NaN where none.
+    """B at which the weighted average gives the depth `wanted_m` for Object 1, NaN where there is none.
 
     back(B) − front(B) = D is a quadratic equation in B, for both are (M₁ + BT₁)/(M₀ + BT₀); `branch` ± 1 is its root.
     """
@@ -152,7 +152,7 @@ def fits(weighted_average: float, printed: float) -> Fits:
 
 
 def _alike(rigs: list[Rig]) -> list[tuple[Rig, list[Rig]]]:
-    """Rigs that differ in Object 2's signal alone, which Object 1 does not see."""
+    """Groups of rigs that differ only in the signal of Object 2, which does not affect Object 1."""
     groups: dict[tuple[float, ...], list[Rig]] = {}
     for rig in rigs:
         key = (rig.sigma_s, rig.step_s, rig.background_m, rig.near_sigmas, rig.far_sigmas, rig.wall)

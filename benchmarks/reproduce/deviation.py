@@ -1,4 +1,4 @@
-"""Figure 7: the range by weighted average deviates as the angle of incidence grows. What may be behind it?"""
+"""Figure 7: deviation of the range by weighted average with the angle of incidence, and its possible causes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["deviation_rows", "figure_7_points"]
 
 _ANGLES_DEG = tuple(range(0, 61, 10))
 _BASELINE_V = 0.05e-3
-#: How much before the middle of the record the echo may stand: the document does not say, and a sign hangs on it.
+#: Times by which the echo may precede the middle of the record: the document does not say, and the sign depends on it.
 PLACES_S = (4.0e-9, 0.0, -4.0e-9)
 _CLEAN, _TURNED = "tilted target, no baseline", "beam turned on a wall (put in by hand)"
 _PULLED = {
@@ -25,7 +25,7 @@ _PULLED = {
     "baseline left in, echo after the middle": PLACES_S[2],
 }
 _KINDS = (*_PULLED, _CLEAN, _TURNED)
-_FREE = "reflectivity; slope; pulse width; electronics' noise; baseline; place of the echo in the record"
+_FREE = "reflectivity; slope; pulse width; electronic noise; baseline; place of the echo in the record"
 
 
 def figure_7_points() -> list[dict[str, Any]]:
@@ -64,7 +64,7 @@ def deviation_rows() -> list[Row]:
     worst = max(abs(p["deviation"]) / p["error"] for p in clean)
 
     def rises(group: list[dict[str, Any]]) -> bool:
-        """No step falls by over 3 standard errors, and the whole way rises by over 10."""
+        """No step falls by more than 3 standard errors, and the total rise exceeds 10."""
         steps = [(b["deviation"] - a["deviation"], math.hypot(a["error"], b["error"]))
                  for a, b in [*itertools.pairwise(group), (group[0], group[-1])]]  # fmt: skip
         return all(change > -3.0 * error for change, error in steps) and steps[-1][0] > 10.0 * steps[-1][1]
@@ -73,16 +73,17 @@ def deviation_rows() -> list[Row]:
         Row("Figure 7", "deviation at 60°, target tilted in place, baseline of .05 mV left in", "mm", math.nan,
             pulled[0][-1]["deviation"], math.nan, judge_settings(rises(group) for group in pulled),
             f"{pulled[0][0]['deviation']:.1f} mm at 0°, echo {1e9 * PLACES_S[0]:g} ns before the middle of the record: the "
-            "weaker the echo, the more Σ Vt/ΣV is pulled to that middle, (t̄ − τ)·KB/(S + KB). With the echo in the middle "
-            f"{pulled[1][-1]['deviation']:.1f} mm at 60°, {-1e9 * PLACES_S[2]:g} ns after it "
-            f"{pulled[2][-1]['deviation']:.1f} mm: size and sign hang on a place that is not given", _FREE),
+            "weaker the echo, the more Σ Vt/ΣV is pulled to that middle, (t̄ − τ)·KB/(S + KB). With the echo in the middle: "
+            f"{pulled[1][-1]['deviation']:.1f} mm at 60°, {-1e9 * PLACES_S[2]:g} ns after it: "
+            f"{pulled[2][-1]['deviation']:.1f} mm. Size and sign depend on a place that is not given", _FREE),
         Row("Figure 7", "deviation at 60°, beam turned on a flat wall, range taken as orthogonal", "mm", math.nan,
             turned[-1]["deviation"], math.nan, "by-construction",
-            "r(1/cosθ − 1), which we add: the text's own reading (r' against r). Here the time of flight is right, and what "
-            "deviates is the quantity it is taken for", "set-up of the experiment; orthogonal range 5 m"),
+            "r(1/cosθ − 1), which we add: the explanation in the text (r' against r). The measured time of flight is then "
+            "correct; it deviates from the orthogonal distance, for which it is taken",
+            "set-up of the experiment; orthogonal range 5 m"),
         Row("Figure 7", "largest deviation, target tilted in place, no baseline, in standard errors", "1", math.nan,
             worst, math.nan, "undetermined",
-            f"seven angles to 60°, {MEASUREMENTS} measurements each: incidence by itself moves no range that is averaged "
-            "about its peak. The figure prints no number to tell by what its range deviates",
+            f"seven angles to 60°, {MEASUREMENTS} measurements each: incidence alone does not displace a range that is "
+            "averaged around its peak. The figure prints no number for its deviation",
             _FREE),
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Eq. 7-13 and Figure 6: radial and orthogonal distance under a diverged beam."""
+"""Eq. 7-13 and Figure 6: radial and orthogonal distance under a diverging beam."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def illumination_rows() -> list[Row]:
     )
     worst = float(np.max(gap))
     thirteen = float(law.distortion_ratio_eq13(0.5, 0.0, 1.0, 0.0, _HALF_ANGLE, 1.0))
-    # z error where the orthogonal distance is taken as r'·λ with Eq. 12's angle instead of the true one.
+    # Depth error if the orthogonal distance is taken as r'·λ with the angle of Eq. 12 instead of the true one.
     true = law.diverging_angle_true(x, 0.0, 1.0, 0.0, _HALF_ANGLE)
     depth = _RANGE_M / np.cos(true) * np.cos(law.diverging_angle_eq12(x, 0.0, 1.0, 0.0, _HALF_ANGLE)) - _RANGE_M
     falls = all(
@@ -53,13 +53,13 @@ def illumination_rows() -> list[Row]:
         Row("Eq. 7", "r' at 5 m and .35 rad over r/cosθ, less 1", "1", 0.0, radial / exact - 1.0, 1e-12,
             judge_exact(0.0, radial / exact - 1.0, 1e-12), "Pythagoras"),
         Row("Eq. 8", "error of r' = r at 5 m and .35 rad", "m", math.nan, radial - _RANGE_M, math.nan, "by-construction",
-            "the approximation errs by ½(ρ/r)² in relative terms; at the half angle of our rig by a third of a metre: "
-            "it is no detail where depths of .4 m are measured", "range; half angle"),
+            "the relative error is ½(ρ/r)²; at the half angle of our rig it is a third of a metre, not negligible against "
+            "depths of .4 m", "range; half angle"),
         Row("Eq. 9", "r^d for r^u = 3, e = 1, λ = .5", "1", math.nan, point, math.nan, "by-construction",
             "a definition: scaling about a centre", "r^u; e; λ"),
         Row("Eq. 10", "r = λ r' with λ of Eq. 11, less 5 m", "m", 0.0, back - _RANGE_M, 1e-9,
-            judge_exact(0.0, back - _RANGE_M, 1e-9), "Eq. 9 about the centre 0, so λ turns radial into orthogonal: "
-            "a factor on the radial distance, not a divisor of it (Eq. 24 divides)"),
+            judge_exact(0.0, back - _RANGE_M, 1e-9), "Eq. 9 about the centre 0: λ converts radial to orthogonal distance "
+            "as a factor on the radial distance, not a divisor of it (Eq. 24 divides)"),
         Row("Eq. 11", "λ less cosθ at .35 rad", "1", 0.0, ratio - math.cos(_HALF_ANGLE), 1e-12,
             judge_exact(0.0, ratio - math.cos(_HALF_ANGLE), 1e-12), "exact for a pinhole"),
         Row("Eq. 12", "largest angle missing in the linear form, φ = .35 rad", "rad", math.nan, worst, math.nan,
@@ -69,9 +69,9 @@ def illumination_rows() -> list[Row]:
             float(np.max(np.abs(depth))), math.nan, "by-construction", "with λ = cosθ multiplied; φ = .35 rad, k = 1",
             "range; φ; k"),
         Row("Eq. 13", "λ half way to the corner, φ = .35 rad, k = 1", "1", math.nan, thirteen, math.nan, "undetermined",
-            "the formula is missing in the text at hand and is read from Eq. 24; its exponent k is nowhere given", "φ; k"),
+            "the formula is missing in the available text and is inferred from Eq. 24; its exponent k is not given", "φ; k"),
         Row("Figure 6", "light on a flat wall at the corner over that at the centre, Gaussian beam", "1", math.nan,
             figure_6_curves()[60]["value"], math.nan, judge_trend(falls),
-            "falls from the centre for a Gaussian and for a flat-top beam alike (cos³θ); the figure has no numbers",
+            "falls from the centre both for a Gaussian and for a flat-top beam (cos³θ); the figure has no numbers",
             "profile; half angle"),
     ]  # fmt: skip

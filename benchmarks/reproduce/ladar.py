@@ -14,7 +14,7 @@ from .rows import Row, judge_exact
 
 __all__ = ["ladar_rows"]
 
-#: A setting to put numbers in; the equations are compared as ratios, in which it cancels.
+#: Example values; the equations are compared as ratios, in which these cancel.
 _SIGMA_S, _GATE_S, _STEP_S, _RANGE_M = 0.5e-9, 2.0e-9, 0.25e-9, 5.0
 _BRDF = {"k_s": 0.05, "k_d": 0.2, "slope": 0.3, "diffusivity": 1.0}
 _LENS = {"system_efficiency": 0.5, "path_transmission": 0.9, "aperture_diameter_m": 0.05}
@@ -55,7 +55,7 @@ def _power() -> list[Row]:
             judge_exact(0.0, _difference(one, three), 1e-12), "the step from Eq. 1 to Eq. 3 holds"),
         Row("Eq. 2", "area of Eq. 2 over that of a disc of diameter θ_t r, less 1", "1", 0.0,
             _difference(area, footprint), 1e-12, judge_exact(0.0, _difference(area, footprint), 1e-12),
-            "θ_t is therefore the full angle of divergence, though the text calls it diameter and divergence in one"),
+            "θ_t is therefore the full angle of divergence, though the text calls it both diameter and divergence"),
         Row("Eq. 3", "share of a Lambert surface's light that a 50 mm aperture takes at 5 m, Eq. 3 over sin², less 1",
             "1", 0.0, _difference(0.25 * math.pi * 0.05**2 / _RANGE_M**2 / math.pi,
                                   math.sin(math.atan(0.025 / _RANGE_M)) ** 2), 1e-4,
@@ -64,15 +64,15 @@ def _power() -> list[Row]:
             "a small aperture: exact for D ≪ r"),
         Row("Eq. 4", "Eq. 4 at θ = 0 over K_S + K_D, less 1", "1", 0.0, _difference(normal, 0.25), 1e-12,
             judge_exact(0.0, _difference(normal, 0.25), 1e-12),
-            "at normal incidence the slope s, which is the roughness, drops out; and no term is at once a BRDF and "
-            "foreshortened, so the convention is a named choice"),
+            "at normal incidence the slope s, i.e. the roughness, cancels; the two terms have different conventions of "
+            "foreshortening, so that the convention must be chosen by name"),
         Row("Eq. 5", "∫P_t dt over P_o, as printed with σ_p under the root", "1", 1.0, printed, 1e-9,
             judge_exact(1.0, printed, 1e-9),
-            "σ_p under the root makes the area √σ_p, a number that changes with the unit of time (here s)"),
+            "σ_p under the root makes the area √σ_p, a number that depends on the unit of time (here s)"),
         Row("Eq. 5", "∫P_t dt over P_o, with σ_p outside the root as in Eq. 6", "1", 1.0, right, 1e-9,
             judge_exact(1.0, right, 1e-9), "P_o is then an energy, not the power that the text calls it"),
         Row("Eq. 6", "Eq. 6 over Eq. 3 with Eq. 4 and the right pulse, less 1", "1", 0.0, _difference(six, parts), 1e-12,
-            judge_exact(0.0, _difference(six, parts), 1e-12), "follows from Eq. 3, 4 and Eq. 5 with its root mended"),
+            judge_exact(0.0, _difference(six, parts), 1e-12), "follows from Eq. 3, Eq. 4 and the corrected Eq. 5"),
     ]  # fmt: skip
 
 
@@ -101,10 +101,10 @@ def _slices() -> list[Row]:
         Row("Eq. 18", "closed form of a slice over a sum of 40,000 parts, less 1", "1", 0.0, d18, 2e-4,
             judge_exact(0.0, d18, 2e-4), "I_i = energy × R(2r/c − t_i); tolerance: one part at each of the gate's edges"),
         Row("Eq. 19", "sum of all slices over ∫P dt · ∫G dτ/t_step, less 1", "1", 0.0, d19, 1e-6,
-            judge_exact(0.0, d19, 1e-6), "holds where the delays cover all of R and lie dense (here step = σ_p/2)"),
+            judge_exact(0.0, d19, 1e-6), "holds where the delays cover all of R with a small step (here σ_p/2)"),
         Row("Eq. 19", "the same with a step of 1.7 gate widths, less 1", "1", math.nan,
             _difference(sparse, 1.0 / 1.7), math.nan, "undetermined",
-            "the text states no condition on the step; with coarse delays the sum depends on where the echo falls",
+            "the text states no condition on the step; with a coarse step the sum depends on the place of the echo",
             "step; place of the echo"),
         Row("Eq. 20", "Eq. 20 over Eq. 21, less 1", "1", 0.0, -d21, 1e-9, judge_exact(0.0, d21, 1e-9),
             "the pulse of Eq. 6 integrates to P_o"),

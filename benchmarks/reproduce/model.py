@@ -19,7 +19,7 @@ __all__ = ["PRINTED", "TIMES_COSINE", "figure_9_points", "model_rows"]
 
 #: Eq. 4 of the two objects as the library has them.
 _BRDF = ({"k_s": 0.02, "k_d": 0.16}, {"k_s": 0.004, "k_d": 0.06})
-#: Eq. 24 as printed, and with the cosine on the other side, φ at this camera's corner.
+#: Eq. 24 as printed, and with the cosine as a factor; φ is the angle of this camera's corner.
 PRINTED = f"chua-2017[phi={CORNER_RAD:.6f}]"
 TIMES_COSINE = f"chua-2017-orthogonal[phi={CORNER_RAD:.6f}]"
 _FREE = "shapes; reflectivities; rig"
@@ -37,7 +37,7 @@ def _intensities() -> list[Row]:
     dark = float(capture["truth_background"].values.flat[0])
     total = capture["truth_electrons"].values.astype(np.float64).sum(axis=0) - dark * stack.delay_s.size
     nineteen = capture["truth_amplitude"].values * stack.instrument.gate_area_s[0] / stack.spacing_s()
-    middle = (slice(20, 44), slice(20, 44))  # well on the object's front: no edge, all of R inside the delays
+    middle = (slice(20, 44), slice(20, 44))  # well inside the front of the object: no edge, all of R inside the delays
     worst = float(np.max(np.abs(total[middle] / nineteen[middle] - 1.0)))
     lens = {"system_efficiency": 1.0, "path_transmission": 1.0, "aperture_diameter_m": 1.0, "incidence_rad": 0.0}
     one, two = (
@@ -48,16 +48,16 @@ def _intensities() -> list[Row]:
     ratio = seen[0] / seen[1] / (one / two) - 1.0
     return [
         Row("Eq. 19", "summed slices of Object 1's front over Eq. 19, largest deviation", "1", math.nan, worst, math.nan,
-            "by-construction", f"generated stack of {stack.delay_s.size} delays, trapezoidal gate, step .12 ns: the generator "
-            "holds Eq. 18", _FREE),
+            "by-construction", f"generated stack of {stack.delay_s.size} delays, trapezoidal gate, step .12 ns: the "
+            "generator obeys Eq. 18", _FREE),
         Row("Eq. 22", "signal of Object 1 over Object 2 on the axis, generated over Eq. 22, less 1", "1", math.nan, ratio,
-            math.nan, "by-construction", "the generator holds Eq. 4; off the axis, Eq. 22 lacks the beam's profile and cos⁴",
+            math.nan, "by-construction", "the generator obeys Eq. 4; off the axis, Eq. 22 lacks beam profile and cos⁴",
             _FREE),
     ]  # fmt: skip
 
 
 def _noise() -> list[Row]:
-    """Eq. 17 against the scatter of a weighted average over the plane fronts of both objects."""
+    """Eq. 17 against the scatter of a weighted average on the flat fronts of both objects."""
     middle = (slice(20, 44), slice(20, 44))
     printed, full = [], []
     for capture in objects().clean:
@@ -74,10 +74,10 @@ def _noise() -> list[Row]:
     count = sum(e.size for e in full)
     return [
         Row("Eq. 17", "scatter of a weighted average on generated stacks over Eq. 17 with Eq. 15", "1", math.nan, ratio,
-            math.nan, "by-construction", f"{count} pixels of both fronts; read noise of 2 electrons in 76 slices is what "
-            "Eq. 15 leaves out; stacks, noise and estimator are ours", _FREE),
+            math.nan, "by-construction", f"{count} pixels of both fronts; Eq. 15 neglects the read noise of 2 electrons in 76 "
+            "slices; stacks, noise and estimator are ours", _FREE),
         Row("Eq. 17", "the same over the first-order law with read noise", "1", math.nan, ratio_full, math.nan,
-            "by-construction", f"√Σ δI²(t − t̂)²/ΣI, our own law; standard error {1.0 / math.sqrt(2 * count):.3f}", _FREE),
+            "by-construction", f"√Σ δI²(t − t̂)²/ΣI, our formula; standard error {1.0 / math.sqrt(2 * count):.3f}", _FREE),
     ]  # fmt: skip
 
 
@@ -101,21 +101,21 @@ def _equation_24() -> list[Row]:
         Row("Eq. 23", "change of range when another reflection (Eq. 4) is put in, relative", "1", math.nan, cancels,
             math.nan, "contradicted" if cancels < 1e-9 else "undetermined",
             "the factor is the same for all slices of a pixel and cancels between numerator and denominator: as printed the "
-            "model compensates no reflection. It can act through weights only (chua-2016)"),
+            "model does not compensate reflection. It can act through weights only (chua-2016)"),
         Row("Eq. 24", "mean error of the background's range, r³/r² without the cosine, clean stack", "mm", 0.0,
             mm * cubic, 3 * mm * cubic_error, judge_exact(0.0, cubic, 3 * cubic_error),
             f"2σ²/r = {mm * law:.2f} mm; a plain weighted average errs by {mm * plain:.2f} ± {mm * plain_error:.2f} mm. All "
-            "slices of a pixel see one surface at one range, so weights that grow with a slice's range compensate no loss",
+            "slices of a pixel see one surface at one range: weights that grow with the range of a slice compensate no loss",
             _FREE),
         Row("Eq. 24", "the same over 2σ²/r, on the expected echo without background and noise", "1", math.nan, alone / law,
-            math.nan, "by-construction", "r³/r² moves a symmetric echo by 2σ²/r, exactly r(1 + 3x)/(1 + x) with x = σ²/r²: our "
-            "own law on our own stack", _FREE),
+            math.nan, "by-construction", "r³/r² displaces a symmetric echo by 2σ²/r, exactly r(1 + 3x)/(1 + x) with x = σ²/r²: "
+            "our formula on our stack", _FREE),
         Row("Eq. 24", "mean error of the background's range as printed, ÷ cosθ", "mm", 0.0, mm * divided,
             3 * mm * cubic_error, judge_exact(0.0, divided, 3 * cubic_error),
-            f"r(secθ − 1) = {mm * secant:.0f} mm on the mean: time of flight measures the radial range already; dividing by "
-            "the cosine goes further from the orthogonal distance that section 4 wants (Eq. 10 multiplies)", _FREE),
+            f"r(secθ − 1) = {mm * secant:.0f} mm on average: time of flight already measures the radial range; dividing by "
+            "the cosine leads further from the orthogonal distance intended in section 4 (Eq. 10 multiplies)", _FREE),
         Row("Eq. 24", "the same with the cosine multiplied, against the orthogonal distance", "mm", math.nan, mm * times,
-            math.nan, "by-construction", "what stays is r³/r² and the linear angle of Eq. 12", _FREE),
+            math.nan, "by-construction", "the remaining error comes from r³/r² and the linear angle of Eq. 12", _FREE),
     ]  # fmt: skip
 
 
@@ -128,7 +128,7 @@ def _figure_8() -> list[Row]:
         bright.append(float((capture["counts"].values.astype(np.float64) - offset).sum(axis=0)[front].mean()))
     return [
         Row("Figure 8", "summed grey level of Object 1's front over Object 2's", "1", math.nan, bright[0] / bright[1],
-            math.nan, "by-construction", "Object 1 is the brighter one, as the text says: we made it so", _FREE),
+            math.nan, "by-construction", "Object 1 is the brighter one, as in the text: we chose it so", _FREE),
     ]  # fmt: skip
 
 
@@ -161,8 +161,8 @@ def _figure_9() -> list[Row]:
     for point in figure_9_points():
         fitted = point["capture"] == "with offset"
         published = PUBLISHED["weighted average"][0]
-        how = (f"{pair.level_e:.0f} electrons in every slice, fitted so that Object 1's weighted average errs by {published} %"
-               if fitted else "no background beyond the library's")  # fmt: skip
+        how = (f"{pair.level_e:.0f} electrons in every slice, fitted so that the weighted average of Object 1 errs by {published} %"
+               if fitted else "no background beyond that of the library scene")  # fmt: skip
         first = fitted and point["method"] == "weighted average" and point["object"] == "Object 1"
         rows.append(
             Row("Figure 9", f"{point['object']}, {point['method']}, {point['capture']}", "%", math.nan, point["error"],

@@ -1,7 +1,7 @@
 """Captures of Objects 1 and 2 by our generator, read by our estimators: Eq. 19-24, Figures 8 and 9.
 
-The document gives the objects' depths and which is brighter; shape, reflectivity and rig are those of the library's
-scenes, at 64 × 64 pixels over the same field.
+The document gives the depths of the objects and which of them is brighter; shape, reflectivity and rig are those of the
+library scenes, at 64 × 64 pixels over the same field of view.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SEED = 5
-#: The library's camera has 256 × 256 pixels of 13 µm; the same field with a sixteenth of the pixels.
+#: The camera of the library scenes has 256 × 256 pixels of 13 µm; here the same field has a sixteenth of the pixels.
 _SMALL = {
     "rig.camera.rows": 64,
     "rig.camera.cols": 64,
     "rig.camera.pixel_pitch_m": 52e-6,
-    # The delays begin and end where R of every surface is below 1e-3: a cut echo would move a weighted average.
+    # The delays begin and end where R of every surface is below 1e-3: a truncated echo would bias a weighted average.
     "rig.delays.start_s": 27.5e-9,
     "rig.delays.count": 76,
 }
-#: Angle of the pixel that is farthest from the axis: φ of Eq. 13 for this camera.
+#: Angle of the pixel farthest from the axis: φ of Eq. 13 for this camera.
 CORNER_RAD = math.atan(math.hypot(31.5, 31.5) * 52e-6 / 8e-3)
 
 
@@ -59,7 +59,7 @@ class ObjectPair:
 
 @dataclass(frozen=True)
 class Reading:
-    """An estimator's range (row, col) in m on one object, and the depth that follows."""
+    """The estimated range (row, col) of one object, m, and the resulting depth."""
 
     label: str
     range: Array
@@ -72,7 +72,7 @@ def _scene(number: int, **changes: Any) -> Scene:
 
 @lru_cache(maxsize=1)
 def objects() -> ObjectPair:
-    """Generate the four captures (once a process). The level is fitted on Object 1 and used for both."""
+    """Generate the four captures (once per process). The level is fitted to Object 1 and used for both."""
     clean = tuple(generate(_scene(n), seed=SEED, truth_electrons=True) for n in (1, 2))
     rig = gated_rig(_scene(1))
     level = fitted_level(clean[0], DEPTHS_M[0], PUBLISHED["weighted average"][0] / 100.0)
@@ -83,13 +83,13 @@ def objects() -> ObjectPair:
 
 
 def _masks(capture: xr.Dataset) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Pixels of the object's front and of the background, mixed ones left out."""
+    """Pixels of the object's front and of the background, without mixed ones."""
     material, mixed = capture["truth_material"].values, capture["truth_mixed"].values
     return (material == 0) & ~mixed, (material == 1) & ~mixed
 
 
 def depth_of(capture: xr.Dataset, orthogonal_m: Array) -> float:
-    """Mean orthogonal distance of the background less that of the object's front, m; NaN pixels are left out."""
+    """Mean orthogonal distance of the background less that of the object's front, m; NaN pixels are ignored."""
     front, back = _masks(capture)
     return float(np.nanmean(orthogonal_m[back]) - np.nanmean(orthogonal_m[front]))
 
@@ -100,16 +100,16 @@ def _cosine(capture: xr.Dataset) -> Array:
 
 
 def read(capture: xr.Dataset, label: str, *, taken_as_depth: bool = False) -> Reading:
-    """Run an estimator. The depth takes range × cosθ of the true ray, or the range itself as orthogonal distance."""
+    """Run an estimator. The depth uses range × cosθ of the true ray, or the range itself as orthogonal distance."""
     found = run_estimator(label, capture)
     value = np.where(found["valid"].values, found["range"].values, np.nan).astype(np.float64)
     return Reading(label, value, depth_of(capture, value if taken_as_depth else value * _cosine(capture)))
 
 
 def printed_average(capture: xr.Dataset, variable: str = "counts") -> Array:
-    """Σ I r³/Σ I r² (row, col), m: Eq. 24 without what cancels and without its cosine, all samples, negative ones too.
+    """Σ I r³/Σ I r² (row, col), m: Eq. 24 without its cancelling factor and its cosine, over all samples, also negative.
 
-    variable: "counts" (less the detector's offset), or "truth_electrons" less background: the echo alone, free of noise.
+    variable: "counts" (less the offset of the detector), or "truth_electrons" less background: the noise-free echo.
     """
     stack = read_stack(capture)
     level = stack.instrument.offset_dn if variable == "counts" else float(capture["truth_background"].values.flat[0])

@@ -1,4 +1,4 @@
-"""The page of a reproduction: every item with its rows and pictures, in one offline HTML file."""
+"""The page of the reproduction: every item with its rows and pictures, in one offline HTML file."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .rows import VERDICTS, Row
 __all__ = ["MEANINGS", "render_page"]
 
 MEANINGS = {
-    "arithmetic": "follows by calculation alone from what is printed, and agrees",
+    "arithmetic": "follows by calculation from printed values alone, and agrees",
     "predicted": "a model that was not fitted to the number gives it within the tolerance, and could have failed",
-    "fitted": "a parameter was chosen to give the number: no evidence",
-    "by-construction": "we put it in ourselves, and nothing is printed to compare it with: no evidence",
-    "trend": "no number is printed; the stated direction is found for every plausible value of what is left to us",
-    "undetermined": "the document leaves so much open that agreement and disagreement would both be possible; or what we "
-    "find hangs on a choice of ours",
-    "contradicted": "does not follow from the document's own equations or data, or a calculation gives something else; of a "
-    "reading: not under that reading",
+    "fitted": "a parameter was chosen to give the number: not evidence",
+    "by-construction": "follows from our own choices, with no printed value to compare: not evidence",
+    "trend": "no number is printed; the stated direction holds for every plausible value of the unspecified parameters",
+    "undetermined": "so many parameters are unspecified that agreement and disagreement are both possible; or the result "
+    "depends on a choice of ours",
+    "contradicted": "does not follow from the document's own equations or data, or a calculation gives another value; for a "
+    "reading of Table 1: not under that reading",
 }
 assert tuple(MEANINGS) == VERDICTS
 
@@ -29,9 +29,9 @@ _CAPTIONS = {
     "Figure 2": "Eq. 4 against angle for four surfaces. Parameters are ours.",
     "Figure 3": "Bars: one experiment of 30 measurements. Red: expected from the noise.",
     "Figure 4": "Dots: 30 measurements each. Lines: expected from the noise. Legend: reflectivity.",
-    "Figure 6": "Light on a flat wall against the radius in the image.",
-    "Figure 7": "Mean of 30 measurements by weighted average, in five experiments that may be the figure's.",
-    "Table 1": "Diamonds: published. Bars: what a reading predicts over rigs that the document does not exclude; tick: median.",
+    "Figure 6": "Light on a flat wall against radius in the image.",
+    "Figure 7": "Mean of 30 measurements by weighted average, in five experiments that might correspond to the figure.",
+    "Table 1": "Diamonds: published. Bars: predictions of a reading over rigs that the document does not exclude; tick: median.",
 }
 
 

@@ -1,9 +1,9 @@
 """The photodetector experiment of Figures 3, 4 and 7: one laser pulse, one surface, one record of an oscilloscope.
 
-Figure 1's set-up: a Q-switched laser of up to 1 mJ at 532 nm and a biased silicon photodiode of 400 µm with less than
-300 ps of rise time. What the document leaves out is ours and named in `Setup`; no lens is mentioned, and none is needed:
-a surface of 80 % at 5 m gives 10 to 50 mV into 50 Ω. The experiment is self-contained: it uses the pulses and the LADAR
-equation of `optics`, and neither the generator nor an estimator.
+The set-up of Figure 1: a Q-switched laser of up to 1 mJ at 532 nm and a biased silicon photodiode of 400 µm with less than
+300 ps of rise time. Values that the document omits are our choice, in `Setup`; no lens is mentioned, and none is needed: a
+surface of 80 % at 5 m gives 10 to 50 mV into 50 Ω. The experiment is self-contained: it uses the pulses and the LADAR
+equation of `optics`, but neither the generator nor an estimator.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ELECTRON_C = 1.602_176_634e-19
 
 @dataclass(frozen=True)
 class Setup:
-    """The instrument. From the document: wavelength, energy (its upper limit), diameter, rise time; the rest is ours."""
+    """The instrument. From the document: wavelength, energy (upper limit), diameter, rise time; the rest is our choice."""
 
     energy_j: float = 1.0e-3
     wavelength_m: float = 532.0e-9
@@ -51,7 +51,7 @@ class Setup:
 
     @property
     def noise_e(self) -> float:
-        """Electronics' noise of one sample in photoelectrons: V·Δt/(R·q)."""
+        """Electronic noise of one sample in photoelectrons: V·Δt/(R·q)."""
         return self.noise_v * self.sample_s / (self.load_ohm * ELECTRON_C)
 
 
@@ -65,15 +65,15 @@ class Surface:
     slope: float
 
     def response(self, incidence_rad: float) -> float:
-        """Eq. 4, used as Eq. 6 does: no further cosθ, m = 1."""
+        """Eq. 4, used as in Eq. 6: no further cosθ, m = 1."""
         cos = np.array([math.cos(incidence_rad)])
         return float(chua_printed(cos, k_s=self.k_s, k_d=self.k_d, slope=self.slope, diffusivity=1.0)[0])
 
 
 def surface(name: str, reflectivity: float, slope: float, glossy_share: float = 0.3) -> Surface:
-    """A surface that reflects `reflectivity` in all, `glossy_share` of it in a Beckmann lobe of rms slope s/√2.
+    """A surface of total reflectivity `reflectivity`, `glossy_share` of it in a Beckmann lobe of rms slope s/√2.
 
-    K_S = share·ρ/(4πs²): the lobe holds the same light however narrow it is, as energy conservation asks. K_D = (1 −
+    K_S = share·ρ/(4πs²): by conservation of energy the lobe contains the same light whatever its width. K_D = (1 −
     share)·ρ/π.
     """
     return Surface(
@@ -93,8 +93,8 @@ def times(setup: Setup) -> Array:
 def mean_signal(setup: Setup, target: Surface, incidence_rad: float, shift_s: float = 0.0) -> Array:
     """Expected photoelectrons per sample of the record, the echo `shift_s` later than that of RANGE_M.
 
-    Eq. 3 with D the detector's own diameter; the pulse as the detector shows it, and stretched by the tilted footprint,
-    whose path lengths spread by σ = 2·(w r/2)·tanθ/c for a beam of 1/e² half angle w.
+    Eq. 3 with D the diameter of the detector; the pulse as recorded by the detector, and broadened by the tilted
+    footprint, whose path lengths spread by σ = 2·(w r/2)·tanθ/c for a beam of 1/e² half angle w.
     """
     joule = float(
         ladar_eq3_received_power(
@@ -111,7 +111,7 @@ def mean_signal(setup: Setup, target: Surface, incidence_rad: float, shift_s: fl
 
 
 def _window(setup: Setup) -> int:
-    """Half width in samples of the window about the brightest sample: ± twice the detected pulse's FWHM."""
+    """Half width in samples of the window around the brightest sample: twice the FWHM of the detected pulse."""
     return round(2.0 * math.hypot(setup.pulse_fwhm_s, 0.92 * setup.rise_s) / setup.sample_s)
 
 
@@ -136,9 +136,9 @@ def measure(
 ) -> Array:
     """Range errors of `count` measurements by weighted average Σ V t/Σ V, m, relative to RANGE_M.
 
-    Photon noise (its normal limit: thousands of electrons at the pulse) and electronics' noise per sample. `windowed`:
-    the average runs over ± 2 FWHM about the brightest sample; otherwise over the whole record. `baseline_e` per sample
-    is added to the record and left in.
+    Photon noise (in its normal limit: the pulse has thousands of electrons) and electronic noise per sample. `windowed`:
+    the average is over ± 2 FWHM around the brightest sample; otherwise over the whole record. `baseline_e` per sample is
+    added to the record and not subtracted.
     """
     t = times(setup)
     noise = rng.standard_normal((count, t.size)) * np.sqrt(signal + setup.noise_e**2)

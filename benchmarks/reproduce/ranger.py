@@ -1,7 +1,7 @@
-"""Figures 3, 4 and 7 once more on generated waveform captures: scene `photodetector-5m`, estimator `waveform-average`.
+"""Figures 3, 4 and 7 again on generated waveform captures: scene `photodetector-5m`, estimator `waveform-average`.
 
-Another instrument than that of `photodetector` (a 5 ns pulse, a lens of 5 mm, 8 bits, energy fluctuation) and other code:
-generator, detector chain and estimator. What both show does not hang on either's choices.
+The instrument differs from that of `photodetector.py` (a 5 ns pulse, a lens of 5 mm, 8 bits, energy fluctuation), and so
+does the code: generator, detector chain and estimator. Results common to both do not depend on the choices of one.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ _FREE = "rig of the scene photodetector-5m, its noise; reflectivities; slopes; s
 _WHOLE = "waveform-average[background=none,reach=0]"
 #: Ambient light that makes a baseline of one grey level: 1e4 electrons in a sample of 100 ps.
 _AMBIENT_E_PER_S = 1.0e14
-#: What is ours and may turn a direction: electronics' noise of a sample (the scene has 2.5e4 electrons) for Figures 3 and
-#: 4, and for Figure 7 the start of the record, which puts the echo before, about or after its middle.
+#: Choices of ours that may reverse a direction: electronic noise of a sample (the scene has 2.5e4 electrons) for Figures 3
+#: and 4, and for Figure 7 the start of the record, which puts the echo before, near or after its middle.
 _NOISES_E = (2.5e3, 5.0e4)
 _STARTS_S = (12.0e-9, 8.0e-9, 4.0e-9)
-#: Two surfaces that are alike differ by less: a mean |error| of 30 is known to √(π/2 − 1)/√30, three standard errors.
+#: Equal surfaces differ by less: the relative standard error of a mean |error| of 30 is √(π/2 − 1)/√30; three of them.
 _CLEARLY = 1.0 + 3.0 * math.sqrt(2.0 * (0.5 * math.pi - 1.0) / MEASUREMENTS)
 
 
 def shots(
     target: Surface, angle_deg: float, seed: int, label: str = "waveform-average", **changes: Any
 ) -> NDArray[np.float64]:
-    """Range errors, m, of the valid ones of 30 generated shots at a surface tilted by `angle_deg`."""
+    """Range errors, m, of the valid shots among 30 generated ones at a surface tilted by `angle_deg`."""
     scene = load_scene(_SCENE, {
         "target.0.material.k_s": target.k_s, "target.0.material.k_d": target.k_d, "target.0.material.slope": target.slope,
         "target.0.shape.tilt_x_deg": float(angle_deg), "rig.record.shots": MEASUREMENTS, **changes,
@@ -117,7 +117,7 @@ def _figure_7() -> list[Row]:
     return [
         Row("Figure 7", "generated: deviation at 60° with a baseline of one grey level left in", "mm", math.nan, mean[1],
             math.nan, judge_settings(m[1] - m[0] > 3.0 * math.hypot(*e) for m, e in found),
-            f"± {error[1]:.0f}; {others}; averaged about the peak with the baseline taken off "
+            f"± {error[1]:.0f}; {others}; averaged around the peak, baseline subtracted: "
             f"{1e3 * _mean(clean[1]):.1f} ± {1e3 * _standard_error(clean[1]):.1f} and "
             f"{1e3 * _mean(clean[0]):.1f} ± {1e3 * _standard_error(clean[0]):.1f} mm",
             _FREE + "; baseline; place of the echo in the record"),

@@ -21,14 +21,14 @@ SMOOTH, ROUGH, _STRONG, _WEAK = 0.15, 0.5, 0.8, 0.2
 REFLECTIVITIES = (0.8, 0.5, 0.3, 0.15)
 ANGLES_DEG = tuple(range(0, 61, 10))
 _REPEATS = 400
-FREE = "pulse width; electronics' noise; load; quantum efficiency; reflectivities; slopes; share of gloss"
+FREE = "pulse width; electronic noise; load; quantum efficiency; reflectivities; slopes; share of gloss"
 
-#: What the document leaves to us, each over what a laboratory may have. A load of 1 MΩ makes the electronics' noise
-#: negligible, and photon noise is what is left.
+#: Parameters that the document does not give, each over values plausible in a laboratory. With a load of 1 MΩ electronic
+#: noise is negligible, and photon noise remains.
 NOISES_V = (0.005e-3, 0.01e-3, 0.02e-3, 0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)
 LOADS_OHM = (50.0, 1e6)
 _PULSES_S = (0.5e-9, 1e-9, 3e-9)
-#: Slopes s ≤ 1/√3 only: the text says of its own surfaces that they reflect most at θ = 0 (Figure 2).
+#: Slopes s ≤ 1/√3 only: according to the text its surfaces reflect most at θ = 0 (Figure 2).
 _SLOPES = (SMOOTH, ROUGH)
 _SHARES = (0.1, 0.3, 0.6)
 
@@ -51,7 +51,7 @@ def _mean_abs(setup: Setup, target: Surface, angle_deg: float, rng: np.random.Ge
 
 
 def figure_3_points() -> list[dict[str, Any]]:
-    """The chart of Figure 3: one experiment of 30 measurements per surface, with the closed form beside, mm."""
+    """The chart of Figure 3: one experiment of 30 measurements per surface, and the closed form, mm."""
     setup = Setup()
     points = []
     for number, ((power, finish), target) in enumerate(SURFACES.items()):
@@ -94,7 +94,7 @@ def _exponent(setup: Setup) -> float:
 
 
 def _setups() -> list[Setup]:
-    """Our set-up, and all of its plausible neighbours."""
+    """Our set-up and its plausible variants."""
     plain = Setup()
     ends = itertools.product((NOISES_V[0], NOISES_V[-1]), LOADS_OHM, _PULSES_S)
     return [plain, *(replace(plain, noise_v=noise, load_ohm=load, pulse_fwhm_s=pulse) for noise, load, pulse in ends)]
@@ -121,7 +121,7 @@ def _figure_3() -> list[Row]:
             untied = _expected(setup, replace(a, k_s=b.k_s), 0.0) / _expected(setup, b, 0.0)
             ratios.append(untied)
             free += "; tie of K_S to the slope"
-            note += f" where K_S goes with 1/s², {untied:.2f} where both have one K_S"
+            note += f" where K_S ∝ 1/s², {untied:.2f} where both surfaces have the same K_S"
         often = float(np.mean(many[larger] > many[smaller]))
         rows.append(
             Row("Figure 3", f"range error of the {', '.join(larger)} surface over the {', '.join(smaller)}", "1",
@@ -138,17 +138,17 @@ def _figure_3() -> list[Row]:
     )
     same = rough / smooth
     rows += [
-        Row("Figure 3", "exponent of range error against reflectivity, 50 Ω, electronics' noise .1 mV", "1", -1.0,
+        Row("Figure 3", "exponent of range error against reflectivity, 50 Ω, electronic noise .1 mV", "1", -1.0,
             _exponent(setup), 0.1, judge_band(-1.0, low, high, 0.1),
-            f"{low:.3f} … {high:.3f} over noise and load. The abstract: accuracy is proportional to reflectivity. So it is "
-            f"where an oscilloscope's noise rules: at 50 Ω {fifty[0.1]:.3f} with .1 mV, {fifty[0.02]:.3f} with .02 mV, "
-            f"{fifty[0.01]:.3f} with .01 mV, {fifty[0.005]:.3f} with .005 mV; with photon noise alone {high:.3f}, as Eq. 15 "
-            "and 17 say. The document tells neither noise nor load",
-            "electronics' noise (.005 to .5 mV); load (50 Ω, 1 MΩ); pulse width; quantum efficiency"),
+            f"{low:.3f} … {high:.3f} over noise and load. The abstract: accuracy is proportional to reflectivity. This "
+            f"holds where noise of the oscilloscope dominates: at 50 Ω {fifty[0.1]:.3f} with .1 mV, {fifty[0.02]:.3f} with .02 mV, "
+            f"{fifty[0.01]:.3f} with .01 mV, {fifty[0.005]:.3f} with .005 mV; with photon noise alone {high:.3f}, as by Eq. "
+            "15 and 17. The document gives neither noise nor load",
+            "electronic noise (.005 to .5 mV); load (50 Ω, 1 MΩ); pulse width; quantum efficiency"),
         Row("Figure 3", "range error of rough over smooth with equal K_S and K_D", "1", math.nan, same, math.nan,
             "undetermined",
-            "at θ = 0 the printed Eq. 4 does not hold the slope s: roughness acts only if K_S is tied to it. Here K_S = "
-            "share·ρ/(4πs²), by energy conservation; the document leaves K_S open", "tie of K_S to the slope"),
+            "at θ = 0 the printed Eq. 4 does not depend on the slope s: roughness acts only if K_S depends on s. Here K_S = "
+            "share·ρ/(4πs²), by conservation of energy; the document does not specify K_S", "tie of K_S to the slope"),
     ]  # fmt: skip
     return rows
 
@@ -176,11 +176,11 @@ def _figure_4() -> list[Row]:
                 mine[-1]["error"] / mine[0]["error"], math.nan, judge_settings([order > 0.7, *rises]),
                 f"one experiment: rank correlation with the angle {order:.2f}, 30 measurements each; closed form "
                 f"{mine[-1]['expected'] / mine[0]['expected']:.2f}; it rises throughout in {sum(rises)} of {len(rises)} "
-                "set-ups and surfaces that reflect most at θ = 0 (slopes to 1/√3, as the text says of its own)", FREE),
+                "set-ups and surfaces that reflect most at θ = 0 (slopes up to 1/√3, as stated in the text)", FREE),
             Row("Figure 4", f"share of experiments that find the least error at 0°, reflectivity {target.name}", "1",
                 math.nan, least, math.nan, "undetermined",
-                f"of {_REPEATS // 2} repeats at seven angles. «Clearly minimum at θ = 0»: 30 measurements tell a mean "
-                "|error| to 14 %, and the model changes by "
+                f"of {_REPEATS // 2} repeats at seven angles. «Clearly minimum at θ = 0»: 30 measurements give a mean "
+                "|error| to 14 %, while the model changes by "
                 f"{100 * (mine[1]['expected'] / mine[0]['expected'] - 1):.0f} % from 0 to 10°", FREE),
         ]  # fmt: skip
     strong, weak = points[len(ANGLES_DEG) - 1], points[-1]

@@ -12,9 +12,9 @@ __all__ = [
     "judge_trend",
 ]  # fmt: skip
 
-#: Guo et al., "Investigate target reflection and illumination sensitivity in range gated detection".
+#: Guo et al. 2017, "Investigate target reflection and illumination sensitivity in range gated detection".
 DOCUMENT = "000"
-#: What the column `document` may hold. A number of another source stands under the one it belongs to, source in `item`.
+#: Values of the column `document`. A number of another source is listed under the document it relates to, source in `item`.
 DOCUMENTS = ("000", "001")
 
 Verdict = Literal[
@@ -25,14 +25,14 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity of one item: what is printed, what we get, and what that means.
+    """One quantity of one item: the published value, the reproduced one, and the verdict.
 
     `published` is NaN where the document prints no number. `tolerance` is absolute, in `unit`, NaN where none applies.
     `free_parameters` names what was adjusted, or chosen by us, to get the value ("" for nothing).
 
-    Raises ValueError where the verdict says more than the numbers can: "arithmetic" and "predicted" agree with something,
+    Raises ValueError where the verdict claims more than the numbers allow: "arithmetic" and "predicted" state an agreement,
     so they need a published number and a tolerance; "by-construction" compares with nothing, so it has neither; "fitted"
-    and "by-construction" name what was put in.
+    and "by-construction" must name their free parameters.
     """
 
     item: str
@@ -54,11 +54,11 @@ class Row:
             raise ValueError(f"{name}: document must be one of {', '.join(DOCUMENTS)}, not {self.document!r}")
         compared = math.isfinite(self.published) and math.isfinite(self.tolerance)
         if self.verdict in ("arithmetic", "predicted") and not compared:
-            raise ValueError(f"{name}: {self.verdict} agrees with a published number, within a tolerance")
+            raise ValueError(f"{name}: {self.verdict} needs a published number and a tolerance")
         if self.verdict == "by-construction" and not (math.isnan(self.published) and math.isnan(self.tolerance)):
-            raise ValueError(f"{name}: what is put in by us has no published number to agree with")
+            raise ValueError(f"{name}: by-construction must have no published number and no tolerance")
         if self.verdict in ("fitted", "by-construction") and not self.free_parameters:
-            raise ValueError(f"{name}: a {self.verdict} value names its free parameters")
+            raise ValueError(f"{name}: {self.verdict} must name its free parameters")
 
 
 COLUMNS = (
@@ -73,11 +73,11 @@ def judge_exact(published: float, reproduced: float, tolerance: float) -> Verdic
 
 
 def judge_band(published: float, low: float, high: float, tolerance: float) -> Verdict:
-    """Verdict on a number that a model gives without having seen it, as a band low…high over what is not printed.
+    """Verdict on a number predicted by a model without a fit, as a band low…high over the parameters that are not printed.
 
     "contradicted" where the published value lies beyond the band by more than `tolerance`. Within, "predicted" only if
     the band is no wider than the tolerance to either side (the test could have failed), else "undetermined".
-    Raises ValueError for a band that is upside down or not finite.
+    Raises ValueError for a band with low > high or ends that are not finite.
     """
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise ValueError(f"a band needs finite low <= high, not {low!r}, {high!r}")
@@ -87,9 +87,9 @@ def judge_band(published: float, low: float, high: float, tolerance: float) -> V
 
 
 def judge_settings(outcomes: Iterable[bool]) -> Verdict:
-    """Verdict on a stated direction, checked once for each plausible value of what the document leaves to us.
+    """Verdict on a stated direction, checked for each plausible setting of the parameters that the document does not give.
 
-    "trend" where all settings show it, "contradicted" where none does, "undetermined" where it hangs on the setting.
+    "trend" where all settings show it, "contradicted" where none does, "undetermined" where it depends on the setting.
     Raises ValueError for no outcome at all.
     """
     found = set(map(bool, outcomes))
@@ -99,7 +99,7 @@ def judge_settings(outcomes: Iterable[bool]) -> Verdict:
 
 
 def judge_trend(*agrees: bool) -> Verdict:
-    """ "trend" where the direction that the text states is found in every part of the check, else "contradicted"."""
+    """ "trend" where the direction stated in the text holds in every part of the check, else "contradicted"."""
     if not agrees:
         raise ValueError("a trend needs at least one comparison")
     return "trend" if all(agrees) else "contradicted"

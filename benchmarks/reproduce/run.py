@@ -1,4 +1,4 @@
-"""All rows in the document's order, and the files that `beambench reproduce` leaves."""
+"""All rows in the order of the document, and the files that `beambench reproduce` writes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .rows import COLUMNS, Row
 
 __all__ = ["ITEMS", "OTHERS", "Reproduction", "all_rows", "reproduce", "to_csv"]
 
-#: Items of sections 2 to 5 with something to compute, in the document's order. Figures 1 and 5 are diagrams.
+#: Items of sections 2 to 5 of Guo et al. 2017 that can be computed, in their order. Figures 1 and 5 are diagrams.
 ITEMS = (
     *(f"Eq. {n}" for n in range(1, 7)), "Figure 2", "Figure 3", "Figure 4",
     *(f"Eq. {n}" for n in range(7, 14)), "Figure 6", "Figure 7",
     *(f"Eq. {n}" for n in range(14, 26)), "Figure 8", "Figure 9", "Table 1",
 )  # fmt: skip
 
-#: Items of other sources, after it.
+#: Items of other sources, which follow.
 OTHERS = ("Wang 2013, AO 52:7399",)
 
 Progress = Callable[[str], None]
@@ -31,7 +31,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What a run left: folder, rows, page, and how long it took."""
+    """Result of a reproduction: folder, rows, page, and duration."""
 
     out: Path
     rows: list[Row]
@@ -40,7 +40,7 @@ class Reproduction:
 
 
 def all_rows(say: Progress | None = None) -> list[Row]:
-    """Every row, ordered by item as in the document, other sources' last. Deterministic: all seeds are fixed."""
+    """Every row, ordered by item as in the document, those of other sources last. Deterministic: all seeds are fixed."""
     from .accuracy import accuracy_rows
     from .deviation import deviation_rows
     from .illumination import illumination_rows
@@ -77,7 +77,7 @@ def _field(value: Any) -> str:
 
 
 def to_csv(rows: Iterable[Row]) -> str:
-    """reproduction.csv: numbers with six significant digits, NaN as an empty field, lines ended by a line feed."""
+    """Text of reproduction.csv: numbers with six significant digits, NaN as an empty field, lines ended by a line feed."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -99,8 +99,8 @@ def reproduce(out: Path, *, pictures: bool = True, say: Progress | None = None) 
     """Compute all rows and write reproduction.csv, .parquet and .html, run.json, and pictures/ into the folder `out`.
 
     Other arguments:
-        pictures: charts and pictures of the objects; without them the page has its tables only.
-        say: told of each part.
+        pictures: add charts and pictures of the objects; without them the page has only tables.
+        say: called with the name of each part.
     Raises:
         InputError: the folder cannot be written.
     """

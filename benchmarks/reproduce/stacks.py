@@ -1,6 +1,6 @@
-"""A gated stack of two surfaces in closed form: what a weighted average and the seed's model make of it.
+"""A gated stack of two surfaces in closed form, read by a weighted average and by the range model of Guo et al. 2017.
 
-Noise is left out: Table 1's errors are ten times what 8.894 mm of noise would give, averaged over many pixels besides.
+Noise is neglected: the errors of Table 1 are ten times what 8.894 mm of noise would give, and averaged over many pixels.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Rig:
-    """A range-gated rig and the place of the objects, as far as the depth error depends on it.
+    """A range-gated rig and the position of the objects, as far as the depth error depends on them.
 
     Main fields:
         sigma_s, step_s: width of the (Gaussian) correlation R, and step of the delays.
         background_m: range of the background.
-        near_sigmas, far_sigmas: how far the delays go beyond Object 1's front, and beyond the background, in σ.
+        near_sigmas, far_sigmas: extent of the delays beyond the front of Object 1, and beyond the background, in σ.
         wall: signal of the background over that of Object 1.
         weaker: signal of Object 2 over that of Object 1.
     """
@@ -43,7 +43,7 @@ class Rig:
 def plausible_rigs(
     sigma_times_step_s2: float, deepest_m: float, far_sigmas: tuple[float, ...] = (3.0, 5.0)
 ) -> list[Rig]:
-    """Rigs that keep to σ·t_step of the set-up and to the text (Object 2 is the less reflective one)."""
+    """Rigs with the σ·t_step of the set-up that agree with the text (Object 2 is the less reflective one)."""
     rigs = []
     for sigma in (0.9e-9, 1.8e-9, 3.0e-9):
         for background in (3.0, 5.0, 10.0):
@@ -87,14 +87,14 @@ def weighted_average(r: Array, intensity: Array, threshold: float = 0.0) -> floa
 
 
 def cubic_average(r: Array, intensity: Array, threshold: float = 0.0) -> float:
-    """Σ I r³/Σ I r², m: Eq. 24 without its factor that cancels and without its cosine."""
+    """Σ I r³/Σ I r², m: Eq. 24 without its cancelling factor and its cosine."""
     kept = _kept(intensity, threshold)
     return float(np.sum(kept * r**3) / np.sum(kept * r**2))
 
 
 def depth(rig: Rig, depth_m: float, signal: float, offset: float, deepest_m: float, *, cubic: bool = False,
           threshold: float = 0.0) -> float:  # fmt: skip
-    """Depth that a method finds for an object `depth_m` before the background, `offset` in every slice, m."""
+    """Depth by a method for an object `depth_m` in front of the background, with `offset` in every slice, m."""
     average = cubic_average if cubic else weighted_average
     near, far = (
         average(*_with(slices(rig, at, level, deepest_m), offset), threshold)
@@ -108,9 +108,9 @@ def _with(stack: tuple[Array, Array], offset: float) -> tuple[Array, Array]:
 
 
 def fitted_offset(rig: Rig, depth_m: float, error: float, deepest_m: float) -> float:
-    """Least offset [of Object 1's peak] at which the weighted average's relative depth error is ±`error`; NaN if none.
+    """Least offset, relative to the peak of Object 1, at which the relative depth error of the weighted average is ±`error`.
 
-    Scanned over 1e-4 … 1 and refined by bisection: the error starts near 0 and grows with the offset.
+    NaN if there is none. Scanned over 1e-4 … 1 and refined by bisection: the error starts near 0 and grows with the offset.
     """
 
     def excess(offset: float) -> float:

@@ -21,15 +21,15 @@ _WIDTH, _HEIGHT, _MARGIN = 400.0, 380.0, 12.0
 
 
 def raw_image(grey: Array) -> bytes:
-    """PNG of an image (row, col), from its least value in black to its greatest in white, each pixel as 4 × 4."""
+    """PNG of an image (row, col), its least value black and its greatest white, each pixel as 4 × 4."""
     return png(np.kron(grey, np.ones((4, 4))), float(grey.min()), float(grey.max()), _GREY)
 
 
 def surface_svg(x_m: Array, y_m: Array, z_m: Array, limits: tuple[float, float]) -> str:
     """SVG of a surface z(x, y), m, seen from the side of the camera: quadrangles from the farthest to the nearest.
 
-    Coloured by z over `limits`, near bright. Quadrangles with a NaN corner are left out, and so are those that span more
-    than half of the limits: they join the object to its background where nothing was measured.
+    Coloured by z over `limits`, near bright. Quadrangles with a NaN corner are omitted, as are those that span more than
+    half of the limits: they would join the object to its background where nothing was measured.
     """
     lo, hi = limits
     z = np.clip(z_m, lo - (hi - lo), hi + (hi - lo))

@@ -14,7 +14,7 @@ from .rows import Row, judge_settings
 __all__ = ["figure_2_curves", "figure_2_rows", "peak_angle"]
 
 _ANGLES_DEG = np.arange(0.0, 90.0, 1.0)
-#: Slopes for which the statement is tried: the text gives none, and bounds none.
+#: Slopes for which the statement is checked: the text gives neither values nor limits.
 SLOPES = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
@@ -27,7 +27,7 @@ def peak_angle(slope: float) -> float:
 
 
 def _falls(value: NDArray[np.float64]) -> bool:
-    return int(np.argmax(value)) == 0 and bool(np.all(np.diff(value) <= 0.0))  # a narrow lobe reaches 0 before 90°
+    return int(np.argmax(value)) == 0 and bool(np.all(np.diff(value) <= 0.0))  # a narrow lobe falls to 0 before 90°
 
 
 def figure_2_curves() -> list[dict[str, Any]]:
@@ -53,7 +53,7 @@ def figure_2_rows() -> list[Row]:
             Row("Figure 2", f"angle at which Eq. 4 has fallen to half, {name}", "deg", math.nan, half, math.nan,
                 judge_settings(falls.values()),
                 f"s = {surface['slope']:g}: greatest at θ = 0 and falling, as the text says"
-                f"{'; not so for s = ' + ', '.join(rising) if rising else ', whatever the slope'}. "
+                f"{'; not for s = ' + ', '.join(rising) if rising else ', whatever the slope'}. "
                 f"K_S/K_D = {surface['k_s']:g}/{surface['k_d']:g} and m = {surface['diffusivity']:g} are ours: the text prints "
                 "none", "K_S/K_D; s; m")
         )  # fmt: skip

@@ -1,12 +1,12 @@
-"""Table 1: depth errors of two objects by weighted average and by the proposed model. What can be told of them?
+"""Table 1: depth errors of two objects by weighted average and by the proposed model, and their possible causes.
 
-Two readings fit the weighted average on Object 1 with one parameter each, a third both numbers of Object 1 with two. All
-are then applied to all other cells without refitting, over rigs that the document does not exclude.
+Two readings (explanations) fit the weighted average of Object 1 with one parameter each, a third fits both numbers of
+Object 1 with two. All are then applied to the other cells without refitting, over rigs that the document does not exclude.
 
 "offset": a level B in every slice pulls each range to the middle of the delays and so compresses the depth. Eq. 24 enters
     without its cosine, as r³/r².
-"radial": the radial range, which a time of flight is, is taken for the orthogonal distance (section 4's own concern).
-"both": the two at once, with Eq. 24 as it is printed (`combined`).
+"radial": the radial range, which time of flight measures, is taken as the orthogonal distance (the subject of section 4).
+"both": the two at once, with Eq. 24 as printed (`combined.py`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _METHODS: dict[str, dict[str, Any]] = {
 
 
 def offset_share(error: float) -> float:
-    """KB/S for which an offset compresses a depth by `error` = KB/(S + KB), where object and background are alike."""
+    """KB/S for which an offset compresses a depth by `error` = KB/(S + KB), for equal signals of object and background."""
     return error / (1.0 - error)
 
 
@@ -66,16 +66,16 @@ def _offset_errors() -> tuple[Array, dict[str, Array]]:
 def bands() -> dict[tuple[str, int], tuple[float, float, float]]:
     """(median, least, largest) of |depth error| in % by (method, object) under the reading "offset", all rigs.
 
-    All of them, for a percentile over a grid that is ours would mean nothing.
+    The full range is given, since a percentile over a grid of our choice would be meaningless.
     """
     _, errors = _offset_errors()
     return {(name, number): _spread(value[:, number - 1]) for name, value in errors.items() for number in (1, 2)}
 
 
 def radial_angle(background_m: float, filled: float, depth_m: float, error_m: float) -> float:
-    """Mean angle θ of the background, rad, at which taking radial for orthogonal gives a depth error of `error_m`.
+    """Mean angle θ of the background, rad, at which radial distances taken as orthogonal give a depth error of `error_m`.
 
-    z_b(secθ − 1) − z_o(sec(fθ) − 1) = error, f = `filled`: the object's mean angle over the background's.
+    z_b(secθ − 1) − z_o(sec(fθ) − 1) = error, f = `filled`: mean angle of the object over that of the background.
     """
     low, high = 0.0, 1.2
     for _ in range(80):
@@ -94,7 +94,7 @@ def _radial(background_m: float, filled: float, depth_m: float, angle: float, po
 def _radial_errors() -> dict[str, Array]:
     """|depth error| in % (rig, object) under the reading "radial", its angle fitted on Object 1.
 
-    "×cos": the cosine of Eq. 24 multiplied; what stays is r³/r², about 2σ²(1/z_b − 1/z_o).
+    "×cos": the cosine of Eq. 24 as a factor; the remaining error is that of r³/r², about 2σ²(1/z_b − 1/z_o).
     """
     errors: dict[str, list[list[float]]] = {"weighted average": [], "printed": [], "×cos": []}
     wanted = PUBLISHED["weighted average"][0] / 100.0 * DEPTHS_M[0]
@@ -153,7 +153,7 @@ def table_1_rows() -> list[Row]:
 
 
 def _tolerance(number: int) -> float:
-    """What the document itself calls the accuracy of the set-up, in % of the depth."""
+    """The accuracy of the set-up according to the document, in % of the depth."""
     return PUBLISHED["set-up"][number - 1]
 
 
@@ -169,7 +169,7 @@ def _offset_rows() -> list[Row]:
     offsets, errors = _offset_errors()
     found = bands()
     free = "offset B, fitted on Object 1's weighted average; rig"
-    others = f"band: {offsets.size} rigs (σ, range, window, background's and Object 2's reflectivity are not printed)"
+    others = f"band: {offsets.size} rigs (σ, range, window, reflectivities of background and Object 2 are not printed)"
     q1, q2 = (offset_share(v / 100.0) for v in PUBLISHED["weighted average"])
     first = found["weighted average", 1]
     rows = [
@@ -178,21 +178,21 @@ def _offset_rows() -> list[Row]:
              f"{offsets.size} rigs", free),
         Row("Table 1", "signal of Object 2 over Object 1 that both weighted averages need, reading «offset»", "1", math.nan,
             q1 / q2, math.nan, "fitted",
-            f"KB/S = {q1:.4f} and {q2:.4f} where object and background are alike: two numbers, two unknowns, no evidence by "
-            "itself",
+            f"KB/S = {q1:.4f} and {q2:.4f} for equal signals of object and background: two numbers, two unknowns, not "
+            "evidence by itself",
             "offset B; reflectivity of Object 2"),
     ]  # fmt: skip
     cells = (
         (2, "weighted average", "weighted average", "weighted average",
-         "its lower end rests on Object 2 being nearly as bright as Object 1"),
+         "the lower end requires Object 2 to be nearly as bright as Object 1"),
         (1, "proposed", "proposed without its cosine (r³/r²)", "r³/r²", "_worse"),
         (2, "proposed", "proposed without its cosine (r³/r²)", "r³/r²", "_worse"),
         (1, "proposed", "weighted average over a 10 % threshold", "weighted average over 10 %",
-         "a threshold alone removes the offset; w_i of Eq. 23 may hold one, the document does not say"),
+         "a threshold alone removes the offset; w_i of Eq. 23 may include one, the document does not say"),
         (2, "proposed", "weighted average over a 10 % threshold", "weighted average over 10 %",
          "fails where the offset exceeds the threshold on the weaker object"),
-        (1, "proposed", "proposed with a 10 % threshold", "r³/r² over 10 %", "what improves is the threshold, not r³/r²"),
-        (2, "proposed", "proposed with a 10 % threshold", "r³/r² over 10 %", "what improves is the threshold, not r³/r²"),
+        (1, "proposed", "proposed with a 10 % threshold", "r³/r² over 10 %", "the threshold improves it, not r³/r²"),
+        (2, "proposed", "proposed with a 10 % threshold", "r³/r² over 10 %", "the threshold improves it, not r³/r²"),
     )  # fmt: skip
     for number, column, what, method, note in cells:
         band = found[method, number]
@@ -200,8 +200,8 @@ def _offset_rows() -> list[Row]:
         verdict = judge_band(printed, band[1], band[2], _tolerance(number))
         if note == "_worse":
             worse = float(np.mean(errors[method][:, number - 1] > errors["weighted average"][:, number - 1]))
-            note = (f"larger than the weighted average's error in {100 * worse:.0f} % of rigs; Eq. 24 as printed divides by a "
-                    "cosine besides, see reading «both»")  # fmt: skip
+            note = (f"larger than the error of the weighted average in {100 * worse:.0f} % of rigs; Eq. 24 as printed also "
+                    "divides by a cosine, see reading «both»")  # fmt: skip
         near = float(np.mean(np.abs(errors[method][:, number - 1] - printed) <= _tolerance(number)))
         rows.append(_row("offset", number, column, what, band, verdict,
                          f"{others}; {100 * near:.0f} % of rigs within the tolerance; {note}", free))  # fmt: skip
@@ -223,12 +223,12 @@ def _radial_rows() -> list[Row]:
             "weighted average",
             "weighted average",
             "weighted average",
-            f"nearly the same {excess}, of {1e3 * DEPTHS_M[1]:.0f} mm: so would any error of one length for both objects",
+            f"nearly the same {excess}, of {1e3 * DEPTHS_M[1]:.0f} mm: any error of equal length on both objects would agree",
         ),
         (1, "proposed", "proposed as printed (÷ cos, r³/r²)", "printed", "without an offset, ÷ cos doubles the error"),
         (2, "proposed", "proposed as printed (÷ cos, r³/r²)", "printed", "without an offset, ÷ cos doubles the error"),
-        (1, "proposed", "proposed with the cosine multiplied", "×cos", "what stays is r³/r²: 2σ²(1/z_b − 1/z_o)"),
-        (2, "proposed", "proposed with the cosine multiplied", "×cos", "what stays is r³/r²: 2σ²(1/z_b − 1/z_o)"),
+        (1, "proposed", "proposed with the cosine multiplied", "×cos", "r³/r² remains: 2σ²(1/z_b − 1/z_o)"),
+        (2, "proposed", "proposed with the cosine multiplied", "×cos", "r³/r² remains: 2σ²(1/z_b − 1/z_o)"),
     )
     for number, column, what, method, note in cells:
         band = _spread(errors[method][:, number - 1])
@@ -244,7 +244,7 @@ def _both_rows() -> list[Row]:
     free = "offset B and mean angle θ, fitted on Object 1's two numbers; rig; filled share; signs"
     angle = np.degrees(both.angle_rad)
     how = (
-        f"two parameters, two numbers: no evidence; {both.fitted} of {both.tried} rigs and filled shares can be fitted, with "
+        f"two parameters, two numbers: not evidence; {both.fitted} of {both.tried} rigs and filled shares can be fitted, with "
         f"offsets of {both.offset.min():.3f} … {both.offset.max():.3f} (median {np.median(both.offset):.3f}) of the echo's "
         f"peak and mean angles of {angle.min():.0f} … {angle.max():.0f}° (median {np.median(angle):.0f}°)"
     )
@@ -285,10 +285,10 @@ def shares() -> dict[str, tuple[int, int]]:
 
 def _share_rows() -> list[Row]:
     notes = {
-        "offset": "r³/r² without the cosine of Eq. 24, which makes this reading no test of Eq. 24 as printed",
+        "offset": "r³/r² without the cosine of Eq. 24, so this reading does not test Eq. 24 as printed",
         "radial": "Eq. 24 as printed, no offset",
-        "both": f"Eq. 24 as printed: with two free parameters it can give the table, {_example()}, and need not. What share of "
-        "our grid does is no probability: nothing tells which rig it was",
+        "both": f"Eq. 24 as printed: with two free parameters it can give the table, {_example()}, but need not. The share of "
+        "our grid that does is not a probability, since the rig is unknown",
     }
     free = {
         "offset": "offset B; rig", "radial": "mean angle θ; distances; filled share",
@@ -303,7 +303,7 @@ def _share_rows() -> list[Row]:
 
 
 def _example() -> str:
-    """The fit that comes nearest to Object 2's two numbers."""
+    """The fit nearest to the two numbers of Object 2."""
     both = _combined()
     off = np.abs(both.error2) - [PUBLISHED[column][1] for column in ("weighted average", "proposed")]
     i = int(np.argmin(np.sum(off**2, axis=1)))

@@ -1,6 +1,6 @@
-"""Range-intensity correlation under triangular and trapezoidal profiles: when is the one 2.5 times as precise?
+"""Range-intensity correlation under triangular and trapezoidal profiles: conditions for a 2.5 times better precision.
 
-Wang, Li and Zhou (Appl. Opt. 52:7399, 2013) tell of a proof experiment "with a range precision 2.5 times better than that
+Wang, Li and Zhou (Appl. Opt. 52:7399, 2013) report a proof experiment "with a range precision 2.5 times better than that
 obtained under trapezoidal" profiles. With x the place in the depth of a pair of slices (0 … 1), A photoelectrons at the top
 of a profile, and a relative fluctuation ε of each slice's energy:
 
@@ -26,9 +26,9 @@ from .rows import Row, Verdict, judge_band
 
 __all__ = ["ITEM", "PUBLISHED", "fluctuation_for", "measured_ratio", "precision_ratio", "triangular_rows"]
 
-#: No item of the document: the source is named, and stands with the document on range gating that it belongs to.
+#: Not an item of Guo et al. 2017: the source is named, and listed with this document because it is about range gating.
 ITEM = "Wang 2013, AO 52:7399"
-#: The abstract's one number, printed with two digits.
+#: The only number in the abstract, printed with two digits.
 PUBLISHED = 2.5
 _TOLERANCE = 0.05
 _PULSE_S = 4e-9
@@ -37,7 +37,7 @@ _LIGHT = 3000.0
 
 
 def precision_ratio(electrons: float, fluctuation: float, low: float = 0.0, high: float = 1.0) -> float:
-    """rms error under trapezoidal over that under triangular profiles, x even in low … high, by the formulas above."""
+    """rms error under trapezoidal over that under triangular profiles, x uniform in low … high, by the formulas above."""
 
     def mean(power: int) -> float:
         return (high ** (power + 1) - low ** (power + 1)) / ((power + 1) * (high - low))
@@ -74,7 +74,7 @@ def _rms(gate_s: float, fluctuation: float, low: float, high: float, seed: int) 
     u = tau[None] - delays[:, None, None]
     passed = np.minimum(u + _PULSE_S / 2, gate_s) - np.maximum(u - _PULSE_S / 2, 0.0)
     light = _LIGHT * np.clip(passed, 0.0, None) / _PULSE_S
-    # Each pixel stands for one measurement of its own, so that 9,600 draws of the pair of energies are seen.
+    # Each pixel is a separate measurement, so that 9,600 pairs of energies are drawn.
     light *= np.maximum(1.0 + fluctuation * rng.standard_normal(light.shape), 0.0)
     capture = stack_capture(rig, rng.poisson(light).astype(np.uint16), declared)
     capture = capture.assign_coords(delay=("slice", delays, {"units": "s", "long_name": "delay"}))
@@ -86,14 +86,14 @@ def _rms(gate_s: float, fluctuation: float, low: float, high: float, seed: int) 
 def measured_ratio(fluctuation: float, low: float = 0.1, high: float = 0.9, seed: int = 1) -> float:
     """The ratio of rms errors of the estimator itself, gates of one and of three pulse lengths, in the inner depth.
 
-    At the ends of the depth a ratio falls off its curve and is refused, so the inner part is compared with the formula.
+    At the ends of the depth a ratio leaves its curve and is refused, so only the inner part is compared with the formula.
     """
     trapezoidal = _rms(3 * _PULSE_S, fluctuation, low, high, seed)
     return trapezoidal / _rms(_PULSE_S, fluctuation, low, high, seed + 1)
 
 
 def triangular_rows() -> list[Row]:
-    """Rows on the one number of the source's abstract."""
+    """Rows on the number in the abstract of the source."""
     law, limit = precision_ratio(1.0, 0.0), precision_ratio(1.0, 1e6)
     needed = fluctuation_for(PUBLISHED, _LIGHT)
     inner = [precision_ratio(_LIGHT, e, 0.1, 0.9) for e in (0.0, needed)]
@@ -109,13 +109,13 @@ def triangular_rows() -> list[Row]:
     name = "precision of triangular over trapezoidal profiles, "
     return [
         row(name + "photon noise, whole depth", law, judge_band(PUBLISHED, law, limit, _TOLERANCE),
-            "√5 for photon noise alone, √10 where each slice's energy fluctuates instead: 2.5 lies between, and the abstract "
-            "(all of the source that was at hand) tells neither light nor fluctuation", unknown),
+            "√5 for photon noise alone, √10 for energy fluctuations of each slice alone: 2.5 lies between, and the abstract "
+            "(only the abstract was available) gives neither light nor fluctuation", unknown),
         row(name + "energy fluctuations only, whole depth", limit, judge_band(PUBLISHED, law, limit, _TOLERANCE),
             "the other end of the band", unknown),
         row(name + f"photon noise at {_LIGHT:g} photoelectrons and fluctuations of {100 * needed:.2g} %",
             precision_ratio(_LIGHT, needed), "fitted",
-            "2.5 wherever 2ε²A = 5/3: the slice energy's fluctuation costs the trapezoid as much as its photons do",
+            "2.5 where 2ε²A = 5/3: energy fluctuation and photon noise then contribute equally for the trapezoid",
             "ε²A"),
         row(name + "the estimator, photon noise, inner 80 % of the depth", seen[0], "by-construction",
             f"our estimator on our slices; the formula gives {inner[0]:.3g} there; 9,600 pairs of slices each, standard error "

@@ -1,15 +1,15 @@
 """Studentised bootstrap over scenes: intervals and two-sided tests of a mean, for many problems at once.
 
-The scenes are what was sampled: a statement about an estimator must hold for other scenes of the kind, not for other
-pixels of the same ones. With x_s the figure of scene s (pooled over seeds), m and e the mean and its standard error
-and * a draw of scenes with replacement, t* = (m* − m)/e*. Two intervals follow from it,
+The scenes are the sample: a statement about an estimator must hold for other scenes of the same kind, not for other
+pixels of the same scenes. With x_s the value of scene s (pooled over seeds), m and e the mean and its standard error and
+* a draw of scenes with replacement, t* = (m* − m)/e*. Two intervals follow from it,
 
-    equal-tailed   [m − e·q(t*; .975), m − e·q(t*; .025)]      right to second order under skew, short under heavy tails
-    symmetric      m ∓ e·q(|t*|; .95)                          the other way round,
+    equal-tailed   [m − e·q(t*; .975), m − e·q(t*; .025)]      second-order correct under skew, short under heavy tails
+    symmetric      m ∓ e·q(|t*|; .95)                          long under heavy tails, not corrected for skew,
 
-and the interval given is the mean of their ends. Coverage of the three on 12 scenes, 20,000 problems: normal .950 .959
+and the returned interval is the mean of their ends. Coverage of the three on 12 scenes, 20,000 problems: normal .950 .959
 .954, Student t with 3 degrees of freedom .928 .971 .960, exponential .947 .937 .941. The test is the symmetric one.
-Every problem gets the same draws, so a draw is a row of counts and the bootstrap two matrix products.
+Every problem gets the same draws, so that a draw is a row of counts and the bootstrap is two matrix products.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["MIN_SCENES", "Inference", "studentised"]
 
 Float = npt.NDArray[np.float64]
 
-#: Below this many scenes most draws repeat one another, and no interval is claimed.
+#: With fewer scenes most draws are alike, and no interval is given.
 MIN_SCENES = 6
 _DRAWS = 4999
 _SEED = 20_260_102
@@ -60,8 +60,8 @@ def studentised(values: npt.ArrayLike, *, level: float = 0.95, draws: int = _DRA
     Other arguments:
         draws, seed: of the bootstrap; draws + 1 should be a multiple of 40 so that quantiles are draws themselves.
 
-    With fewer than `MIN_SCENES` scenes, or a NaN among them, interval and p are NaN. Where all scenes agree to rounding
-    the interval is the mean itself and p is 0 or, for a mean of zero, 1. The smallest p is 1/(draws + 1).
+    With fewer than `MIN_SCENES` scenes, or a NaN among them, interval and p are NaN. If all scenes agree to rounding, the
+    interval is the mean itself and p is 0 or, for a mean of zero, 1. The smallest p is 1/(draws + 1).
     Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, sec. 12.5 (bootstrap-t); P. Hall, The
     Bootstrap and Edgeworth Expansion, 1992, sec. 3.6 (symmetric).
     """
@@ -88,14 +88,14 @@ def studentised(values: npt.ArrayLike, *, level: float = 0.95, draws: int = _DRA
 
 def _interval(x: Float, mean: Float, error: Float, weights: Float, level: float) -> Float:
     scenes = x.shape[1]
-    # Variations below rounding are none: a paired difference of equal estimators must not yield a t of noise.
+    # Variations below rounding are zero: paired differences of equal estimators must not give a t from rounding noise.
     still = error <= 1e-12 * np.maximum(np.abs(x).max(axis=1), 1e-300)
     safe = np.where(still, 1.0, error)
     centred = (x - mean[:, None]) / safe[:, None]
     first = centred @ weights.T
     second = (centred * centred) @ weights.T
     spread = np.sqrt(np.maximum(second - first * first, 0.0) / (scenes - 1))
-    # A draw of one scene n times has no spread; its t is infinite and counts as beyond every quantile.
+    # A draw of one scene n times has no spread; its t is infinite and is beyond every quantile.
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(spread > 1e-9, first / spread, np.sign(first) * np.inf)
     size = np.abs(t)

@@ -1,13 +1,13 @@
-"""Who is on the front of speed against accuracy, who is dominated, and of whom the figures do not tell.
+"""The Pareto front of cost and error under uncertainty: each point is on the front, dominated, or undecided.
 
-A point is *dominated* where another is better in both, cost and error, beyond the uncertainty of either; it is on the
-*front* where of every other point at least one of the two is certainly no better; else it is *undecided*. A point that
-only seems worse by chance is therefore never called dominated, nor one that only seems best called the front.
+A point is *dominated* where another point is significantly better in both cost and error; it is on the *front* where every
+other point is significantly no better in at least one of the two; otherwise it is *undecided*. A point that only seems
+worse by chance is therefore never called dominated, and one that only seems best is never said to be on the front.
 
-Where the figures of two points come from the same captures, their difference is known better than either: `paired_order`
-compares them on what they share. Intervals of independent figures go through `interval_order`. Where a few units hold
-most of a total (one outlier, one refusal) its spread cannot be told from these units: the pair stays open, the interval
-unknown. An outlier so rare that the captures hold none cannot be seen in either.
+Where two points come from the same captures, their difference is known better than either value: `paired_order` compares
+them on the units they share. Independent values are compared by their intervals, `interval_order`. Where a few units make
+up most of a total (one outlier, one refusal), its spread cannot be estimated from these units: the pair is undecided and
+the interval unknown. Neither method can account for an outlier so rare that the captures contain none.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Verdict = Literal["front", "dominated", "undecided"]
 
 @dataclass(frozen=True)
 class Order:
-    """What is certain of one figure of every two points (i, j): i is smaller than j, or is not smaller."""
+    """What is significant about one quantity of every two points (i, j): i is smaller than j, or i is not smaller than j."""
 
     below: Bool
     not_below: Bool
@@ -43,25 +43,25 @@ def front(
     cost: Sequence[float], cost_lo: Sequence[float], cost_hi: Sequence[float], error: Sequence[float],
     error_lo: Sequence[float], error_hi: Sequence[float],
 ) -> list[Verdict]:  # fmt: skip
-    """Verdict on each point from its two figures and their intervals; smaller is better in both.
+    """Verdict on each point from cost and error with their intervals; smaller is better in both.
 
     Main arguments:
-        cost, error: the figures, in any unit. `_lo`, `_hi`: their intervals; equal to the figure where it is exact, NaN
-        where the interval is unknown: then nothing is certain of it.
+        cost, error: values in any unit. `_lo`, `_hi`: their intervals; equal to the value where it is exact, NaN where
+        the interval is unknown: then no comparison with it is significant.
 
-    Raises ValueError for lists of different lengths and for a figure outside its interval.
+    Raises ValueError for lists of different lengths and for a value outside its interval.
     """
     columns = [np.asarray(column, np.float64) for column in (cost, cost_lo, cost_hi, error, error_lo, error_hi)]
     if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
-        raise ValueError("all six lists must have one length")
+        raise ValueError("All six lists must have the same length.")
     for value, low, high in (columns[:3], columns[3:]):
         if np.any((low > value) | (value > high)):
-            raise ValueError("a figure lies outside its interval")
+            raise ValueError("A value lies outside its interval.")
     return classify(interval_order(columns[1], columns[2]), interval_order(columns[4], columns[5]))
 
 
 def classify(cost: Order, error: Order) -> list[Verdict]:
-    """Verdicts from what is certain of every two points: see the module."""
+    """Verdicts from the orders of every two points in cost and in error: see the module."""
     beaten = np.asarray((cost.below & error.below).any(axis=0))
     held = cost.not_below | error.not_below
     np.fill_diagonal(held, True)
@@ -70,7 +70,7 @@ def classify(cost: Order, error: Order) -> list[Verdict]:
 
 
 def interval_order(low: npt.ArrayLike, high: npt.ArrayLike) -> Order:
-    """The order of figures with intervals of their own: certain where intervals do not overlap."""
+    """The order of independent values with intervals: significant where intervals do not overlap."""
     lo, hi = np.asarray(low, np.float64), np.asarray(high, np.float64)
     return Order(hi[:, None] < lo[None, :], lo[:, None] >= hi[None, :])
 
@@ -79,13 +79,13 @@ def paired_order(sums: npt.ArrayLike, *, error_rate: float = 0.05) -> Order:
     """The order of totals Σ_k x_ik of points i over units k that all of them share, by their paired log ratios.
 
     Main arguments:
-        sums (point, unit): what adds up, e.g. squared errors in each tile of a capture; >= 0.
+        sums (point, unit): contributions, e.g. squared errors in each tile of a capture; >= 0.
     Other arguments:
-        error_rate: chance that any of a point's comparisons errs (each is made at error_rate/(points − 1), two-sided).
+        error_rate: chance that any comparison of a point is wrong (each is made at error_rate/(points − 1), two-sided).
 
     ln(Σa/Σb) has, by linearisation, the variance K/(K−1) Σ_k (a_k/Σa − b_k/Σb)², K units; Student's t with K − 1 degrees
-    of freedom. Fewer than two units, a total that few units hold (`statistics.concentrated`), or one that is zero against
-    one that is not, leave the pair open; equal units decide it: neither is smaller.
+    of freedom. A pair is undecided with fewer than two units, with a total that few units make up (`concentrated`), and
+    with one zero and one positive total; if all units are equal, neither total is smaller.
     Source: W. G. Cochran, Sampling Techniques, 3rd ed., 1977, sec. 6.3 (ratios).
     """
     from scipy.stats import t
@@ -111,7 +111,7 @@ def paired_order(sums: npt.ArrayLike, *, error_rate: float = 0.05) -> Order:
 def ratio_interval(sums: npt.ArrayLike, counts: npt.ArrayLike) -> tuple[float, float]:
     """95 % interval of √(Σ sums/Σ counts) over units, e.g. of an rmse over tiles.
 
-    (NaN, NaN) with fewer than two units, and where few of them hold most of the sum (`statistics.concentrated`).
+    (NaN, NaN) with fewer than two units, and where few of them make up most of the sum (`concentrated`).
     """
     from scipy.stats import t
 
@@ -127,7 +127,7 @@ def ratio_interval(sums: npt.ArrayLike, counts: npt.ArrayLike) -> tuple[float, f
 
 
 def lower_left(cost: Sequence[float], error: Sequence[float]) -> list[bool]:
-    """Points that no other beats in both figures as they stand, without their intervals: where the front is drawn."""
+    """Points that no other beats in both values, intervals disregarded: the line that is drawn."""
     flags = [False] * len(cost)
     best = math.inf
     for i in sorted(range(len(cost)), key=lambda k: (cost[k], error[k])):

@@ -1,7 +1,7 @@
 """Every estimator against every other on the same captures: paired differences, Holm-corrected.
 
-Estimators of a run read the same captures with the same noise, so scenes that are hard for all cancel. Errors span
-decades between scenes; their ratio is what compares: the figure of a scene is ln(a/b).
+Estimators of a run read the same captures with the same noise, so the difficulty of a scene cancels in a paired
+comparison. Errors differ by decades between scenes, so ratios are compared: the value of a scene is ln(a/b).
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class Pair:
 
 
 def holm(p: npt.ArrayLike) -> Float:
-    """p-values (…, test) corrected so that no true hypothesis of a row is rejected with more than the stated rate.
+    """p-values (…, test) corrected by Holm's method, which controls the family-wise error rate of each row.
 
-    Sorted ascending, p̃_(i) = max_{j<=i} min(1, (m−j+1) p_(j)); NaN tests are left out and stay NaN. No assumption on
-    how tests depend on each other. Source: S. Holm, Scand. J. Statist. 6:65, 1979.
+    Sorted ascending, p̃_(i) = max_{j<=i} min(1, (m−j+1) p_(j)); NaN tests are ignored and stay NaN. Valid for any
+    dependence between tests. Source: S. Holm, Scand. J. Statist. 6:65, 1979.
     """
     x = np.asarray(p, np.float64)
     order = np.argsort(x, axis=-1)  # NaN last
@@ -58,7 +58,7 @@ def pairwise_p(logs: Float, *, draws: int = 4999) -> tuple[Float, Float, npt.NDA
     """Mean differences and Holm-corrected p of all pairs, for many benchmarks at once.
 
     Main arguments:
-        logs (…, estimator, scene): logarithms of the figures.
+        logs (…, estimator, scene): logarithms of the values.
     Other arguments:
         draws: of the bootstrap; 1/(draws + 1) times the number of pairs must be well below the level of the test.
     Returns (difference (…, pair), p (…, pair), pairs (pair, 2)).
@@ -69,13 +69,13 @@ def pairwise_p(logs: Float, *, draws: int = 4999) -> tuple[Float, Float, npt.NDA
 
 
 def pairwise(names: list[str], figures: npt.ArrayLike, *, alpha: float = 0.05) -> list[Pair]:
-    """All pairs of estimators on the scenes that a benchmark holds; the smaller figure is the better one.
+    """All pairs of estimators on the scenes of a benchmark; the smaller value is the better one.
 
     Main arguments:
         names (estimator). figures (estimator, scene): positive, e.g. `rmse_full`, pooled over seeds.
     Other arguments:
-        alpha: family-wise error, the chance that any difference is claimed which is none.
-    Raises ValueError for figures that are not positive and finite.
+        alpha: family-wise error rate, the chance that any claimed difference does not exist.
+    Raises ValueError for values that are not positive and finite.
     """
     x = np.asarray(figures, np.float64)
     if x.shape[:1] != (len(names),) or x.ndim != 2:

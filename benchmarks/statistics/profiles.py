@@ -1,4 +1,4 @@
-"""Performance profiles: on what share of scenes an estimator is within a factor of the best one."""
+"""Performance profiles: the share of scenes on which an estimator is within a given factor of the best one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Float = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Profile:
-    """ρ(τ) of one estimator: a step function that takes `share[i]` from `factor[i]` on; 0 before `factor[0]` = 1.
+    """ρ(τ) of one estimator: a step function, `share[i]` from `factor[i]` on; 0 below `factor[0]` = 1.
 
     `best`: ρ(1), the share of scenes on which none is better. `area`: mean of ρ over ln τ up to the common end (0..1).
     """
@@ -26,7 +26,7 @@ class Profile:
     area: float
 
     def at(self, factor: npt.ArrayLike) -> Float:
-        """ρ at any factors."""
+        """ρ at the given factors."""
         where = np.searchsorted(self.factor, np.asarray(factor, np.float64), side="right") - 1
         return np.asarray(np.where(where >= 0, self.share[np.maximum(where, 0)], 0.0))
 
@@ -35,10 +35,11 @@ def performance_profiles(names: list[str], figures: npt.ArrayLike) -> list[Profi
     """ρ_a(τ) = share of scenes s with x_as <= τ·min_b x_bs, for every estimator a; smaller figures are better.
 
     Main arguments:
-        figures (estimator, scene): positive; infinite where an estimator gave nothing (never within any factor).
-    The area's end is the largest finite ratio of all estimators (2 where all are equal). ρ compares with the best of
-    those present: take one away and the others' profiles change (Gould and Scott, ACM TOMS 43:15, 2016), so profiles
-    describe, and `pairwise` decides. Raises ValueError for figures that are not positive, or a scene that none solved.
+        figures (estimator, scene): positive; infinite where an estimator gave no result (within no factor).
+    The area extends to the largest finite ratio of all estimators (2 where all are equal). ρ compares with the best of the
+    estimators present: if one is removed, the profiles of the others change (Gould and Scott, ACM TOMS 43:15, 2016).
+    Profiles are therefore descriptive, and `pairwise` decides. Raises ValueError for values that are not positive, and for
+    a scene without any finite value.
     Source: E. D. Dolan and J. J. Moré, Math. Program. 91:201, 2002.
     """
     x = np.asarray(figures, np.float64)
@@ -48,7 +49,7 @@ def performance_profiles(names: list[str], figures: npt.ArrayLike) -> list[Profi
         raise ValueError("figures must be positive")
     best = x.min(axis=0)
     if not np.all(np.isfinite(best)):
-        raise ValueError("a scene has no finite figure of any estimator")
+        raise ValueError("A scene has no finite figure of any estimator.")
     ratio = x / best
     finite = ratio[np.isfinite(ratio)]
     end = float(np.log(finite.max())) if finite.max() > 1.0 else float(np.log(2.0))

@@ -1,8 +1,8 @@
-"""Ranking of estimators by their risk at full coverage, from rows of a score table.
+"""Ranking of estimators by their error over all elements, from rows of a score table.
 
-The figure is `rmse_full`: elements that an estimator refuses count with the error of knowing nothing but the window, so
-that leaving out the hard ones does not pay. A run that crashed refused everything. Estimators are ranked on one set of
-cells, the same for all; ranks are intervals, decided by Holm-corrected paired differences.
+The figure is `rmse_full`: refused elements count with the error of a guess within the window, so that refusing difficult
+elements gives no advantage. A crash counts as refusing everything. All estimators are ranked on the same cells; ranks are
+intervals, from Holm-corrected paired differences.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Float = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScoreMatrix:
-    """Figures (estimator, scene) of one condition and quantity: rmse over seeds and levels, and what was refused."""
+    """Arrays (estimator, scene) of one condition and quantity: rmse over seeds and levels, number of refused elements."""
 
     names: list[str]
     scenes: list[str]
@@ -40,9 +40,9 @@ class ScoreMatrix:
 
 @dataclass(frozen=True)
 class Ranked:
-    """One estimator's place: geometric mean of `rmse_full` with its interval, rank interval, coverage with interval.
+    """Rank of one estimator: geometric mean of `rmse_full` with its interval, rank interval, coverage with interval.
 
-    `rank_low` − 1 others are better, beyond doubt at the family-wise level; `rank_high` counts all that may be.
+    `rank_low` − 1 others are significantly better at the family-wise level; all but `rank_high` are significantly worse.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a score table says of its estimators: ranks (best first), all pairs, and profiles."""
+    """Comparison of the estimators in a score table: ranks (best first), all pairs, and profiles."""
 
     ranked: list[Ranked]
     pairs: list[Pair]
@@ -83,11 +83,11 @@ def score_matrix(
     Main arguments:
         rows: rows with typed values (`tables.read_rows`).
     Other arguments:
-        modality, stage, quantity, condition: of the rows to take; what differs in them is not
-        compared. stressed: take the stressed rows too, pooled into their scene.
+        modality, stage, quantity, condition: of the rows to use; rows that differ in them are not compared. stressed:
+        include stressed rows, pooled into their scene.
 
     Raises:
-        InputError: an estimator lacks a cell that another has, or has one twice: nothing would be paired then.
+        InputError: an estimator lacks a cell that another has, or has one twice, so that they cannot be paired.
     """
     cells: dict[str, dict[tuple[Any, ...], dict[str, Any]]] = {}
     skipped: set[str] = set()
@@ -103,13 +103,13 @@ def score_matrix(
         key = (row["scene"], row["stress"], repr(levels[0]), row["stress2"], repr(levels[1]), row["seed"])
         mine = cells.setdefault(_label(row), {})
         if key in mine:
-            raise InputError("An estimator has one cell twice.", where=_label(row), value=str(key))
+            raise InputError("An estimator has the same cell twice.", where=_label(row), value=str(key))
         mine[key] = row
-    # Who reads a part of the scenes only is compared with nobody on the others: it stands in no ranking.
+    # An estimator that applies to a part of the scenes only cannot be compared on the others: it is not ranked.
     for name in skipped:
         cells.pop(name, None)
     if not cells:
-        raise InputError("No row to rank by.", where="scores", value=", ".join(wanted_row.values()))
+        raise InputError("There is no row to rank by.", where="scores", value=", ".join(wanted_row.values()))
     names = sorted(cells)
     wanted = set().union(*cells.values())
     for name in names:
@@ -130,10 +130,10 @@ def score_matrix(
 
 
 def compare_estimators(matrix: ScoreMatrix, *, alpha: float = 0.05) -> Comparison:
-    """Rank, compare in pairs and profile. With fewer scenes than an interval needs, all ranks stay open.
+    """Rank, compare in pairs and profile. With fewer scenes than an interval needs, ranks are 1 to the number of estimators.
 
-    A figure of exactly zero (a noise-free scene) is held at the smallest positive number's root, so that its logarithm
-    exists; estimators that are equal there stay equal.
+    A figure of exactly zero (a noise-free scene) is replaced by the root of the smallest positive number, so that its
+    logarithm exists; estimators that are equal there remain equal.
     """
     figures = np.maximum(matrix.rmse_full, 1e-150)
     pairs = pairwise(matrix.names, figures, alpha=alpha)

@@ -1,4 +1,4 @@
-"""Intervals of proportions: elements that failed, were refused, were covered by their stated error."""
+"""Intervals of proportions: elements that failed, were refused, or had their error within the stated interval."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["clustered_interval", "wilson_interval"]
 
 
 def wilson_interval(successes: float, n: float, *, level: float = 0.95) -> tuple[float, float]:
-    """Interval of a proportion of n independent elements: honest at 0 and 1, where the normal one has no width.
+    """Interval of a proportion of n independent elements: valid at 0 and 1, where the normal interval has no width.
 
     `n` need not be whole (an effective number). (NaN, NaN) for n <= 0.
     Source: E. B. Wilson, J. Am. Stat. Assoc. 22:209, 1927.
@@ -34,14 +34,14 @@ def _wilson(successes: float, n: float, z: float) -> tuple[float, float]:
 def clustered_interval(
     successes: npt.ArrayLike, n: npt.ArrayLike, *, level: float = 0.95
 ) -> tuple[float, float, float]:
-    """(rate, low, high) of a proportion pooled over scenes whose elements fail together.
+    """(rate, low, high) of a proportion pooled over scenes, for elements of a scene that fail together.
 
     Main arguments:
-        successes, n (scene): counts per scene; scenes without elements are left out.
+        successes, n (scene): counts per scene; scenes without elements are ignored.
     Wilson's interval at the effective number n/d, with the design effect d = s²/(p(1−p)/n) of the ratio estimate over
     scenes, s² = S/(S−1) Σ (x_i − p n_i)²/n², held at d >= 1; z becomes Student's t with S − 1 degrees of freedom. At
-    p = 0 and 1 scenes cannot show how elements cluster: then each scene counts as one element, which is the cautious
-    end. One scene: (rate, NaN, NaN).
+    p = 0 and 1 the clustering cannot be estimated: then each scene counts as one element, the conservative limit. One
+    scene: (rate, NaN, NaN).
     Source: J. N. K. Rao and A. J. Scott, Biometrics 48:577, 1992 (design effect).
     """
     from scipy.stats import t

@@ -1,7 +1,7 @@
 """Tables of a run over its scenes: ranking.csv, pairs.csv and profiles.csv.
 
-One group of rows per modality, stage, quantity and condition, from scenes as written (no stress): what differs in any of
-them is not compared. Intervals are over scenes, empty with fewer than six.
+One group of rows per modality, stage, quantity and condition, from scenes without stress; groups are not compared with
+each other. Intervals are over scenes, and empty with fewer than six.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
     """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`.
 
     `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where the Holm-corrected
-    difference is not beyond doubt at 5 %. `profile_best` and `profile_area`: see `inference_profiles`. Groups with one
-    estimator have a ranking and no pairs.
+    difference is not significant at 5 %. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator
+    have a ranking and no pairs.
 
     Raises:
         InputError: an estimator lacks a cell that another has, or has one twice.
@@ -40,7 +40,7 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
     for key in sorted({tuple(str(row[name]) for name in _GROUP) for row in table if int(row["n"]) > 0}):
         group = dict(zip(_GROUP, key, strict=True))
         mine = [row for row in table if all(row[name] == group[name] for name in _GROUP)]
-        # Skips tell who reads a part of the scenes only, and stands in no ranking.
+        # A skip marks an estimator that applies to a part of the scenes only, and is not ranked.
         plain = [row for row in mine if _as_written(row) or not_applicable(str(row.get("status", "ok")))]
         if not any(_as_written(row) for row in plain):
             continue
@@ -74,5 +74,5 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
 
 
 def _as_written(row: dict[str, Any]) -> bool:
-    """Neither level is given: they are NaN."""
+    """True without stress: both levels are NaN."""
     return bool(row["level"] != row["level"] and row["level2"] != row["level2"] and int(row["n"]) > 0)

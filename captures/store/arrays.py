@@ -1,7 +1,7 @@
-"""How captures lie in Zarr v3: one array per variable with `capture` in front, one file per capture and block of rows.
+"""Layout of captures in Zarr v3: one array per variable, first dimension `capture`, one file per capture and block of rows.
 
-Every array ends its codecs with CRC-32C, so that no flipped bit passes. A capture never shares a chunk with another:
-writing is an append, a crash costs the last capture only, and a reader loads one capture without its neighbours.
+The last codec of every array is CRC-32C, so that a flipped bit is detected. Two captures never share a chunk: writing is
+an append, a crash loses only the last capture, and a reader loads one capture without the others.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 CAPACITY = 2**31
-"""Length of `capture` while a store is being written; the true one is set at the end."""
+"""Length of `capture` while a store is being written; the actual one is set at the end."""
 
 CHUNK_BYTES = 8 * 2**20
 _LONG_TEXT = 80
@@ -43,12 +43,12 @@ Structure = dict[str, dict[str, Any]]
 
 
 def structure_of(capture: xr.Dataset) -> Structure:
-    """What must be equal in all captures of one store: names in order, dims, shape, dtype, role and attributes."""
+    """Properties that all captures of one store share: names in order, dims, shape, dtype, role and attributes."""
     structure: Structure = {}
     for name, variable in capture.variables.items():
         if variable.dtype.kind not in "biufc":
             raise InputError(
-                "only numbers and flags can be stored",
+                "Only numbers and flags can be stored.",
                 where=str(name), value=str(variable.dtype), allowed="bool, int, uint, float, complex",
             )  # fmt: skip
         structure[str(name)] = {
@@ -62,7 +62,7 @@ def structure_of(capture: xr.Dataset) -> Structure:
 
 
 def chunk_shape(dims: list[str], shape: list[int], itemsize: int) -> tuple[int, ...]:
-    """Chunk of one capture: whole, or blocks of rows (else of the first dimension) of at most `CHUNK_BYTES`."""
+    """Chunk of one capture: all of it, or blocks of rows (else of the first dimension) of at most `CHUNK_BYTES`."""
     total = itemsize * math.prod(shape)
     chunk = list(shape)
     if total > CHUNK_BYTES:
@@ -83,7 +83,7 @@ def chunk_keys(index: int, entry: dict[str, Any]) -> list[str]:
 def metadata_files(structure: Structure, length: int, attributes: dict[str, Any]) -> dict[str, bytes]:
     """Content of every `zarr.json` by path: a group with `attributes`, and its arrays of `length` along `capture`.
 
-    Made from the structure alone, so that metadata can be written again at any time.
+    It depends on the structure only, so that metadata can be written again at any time.
     """
     import zarr
     from zarr.codecs import BloscCodec, Crc32cCodec
@@ -99,7 +99,7 @@ def metadata_files(structure: Structure, length: int, attributes: dict[str, Any]
             shape=(length, *entry["shape"]),
             chunks=(1, *chunk_shape(entry["dims"], entry["shape"], dtype.itemsize)),
             dtype=dtype,
-            # Level 1 with bytes shuffled: Poisson counts shrink to .35, no less at level 3, at 340 MB/s.
+            # Level 1 with shuffled bytes: Poisson counts are compressed to .35, as at level 3, at 340 MB/s.
             compressors=(
                 BloscCodec(typesize=dtype.itemsize, cname="zstd", clevel=1, shuffle="shuffle"),
                 Crc32cCodec(),
@@ -125,7 +125,7 @@ def open_arrays(root: Path, names: Iterable[str], mode: Literal["r", "r+"]) -> d
     for name in names:
         array = group[name]
         assert isinstance(array, zarr.Array)
-        # A chunk that is not written reads as fill value, which nobody could tell from a lost one.
+        # An unwritten chunk would read as the fill value and could not be distinguished from a lost one.
         arrays[name] = array.with_config({"write_empty_chunks": True})
     return arrays
 
@@ -156,7 +156,7 @@ def _plain(value: object, where: str) -> Any:
         copy = None
     if type(copy) is not type(plain) or copy != plain:
         raise InputError(
-            "an attribute does not survive being written as JSON",
+            "The attribute does not survive being written as JSON.",
             where=where, value=value, allowed="text, number, flag, or a list of them",
         )  # fmt: skip
     return copy

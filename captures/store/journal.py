@@ -1,6 +1,6 @@
 """The journal of a store that is being written: one checksummed line per complete capture.
 
-A partial store is valid up to its last sound line, whatever came after: a torn line, a half-written capture, a crash.
+A partial store is valid up to its last intact line, whatever follows: a torn line or a half-written capture.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ JOURNAL = "journal.jsonl"
 
 @dataclass(frozen=True)
 class Record:
-    """One complete capture: its encoded attributes, the long texts that it brought, its chunks' marks by array."""
+    """One complete capture: its encoded attributes, the long texts that it added, the marks of its chunks by array."""
 
     attrs: dict[str, list[Any]]
     texts: dict[str, str]
@@ -37,7 +37,7 @@ class Record:
 
 @dataclass
 class Journal:
-    """A partial store: what all captures have in common, and one record for each."""
+    """A partial store: the properties that all captures share, and one record for each capture."""
 
     modality: str
     structure: Structure
@@ -59,7 +59,7 @@ def append_line(file: IO[bytes], payload: dict[str, Any]) -> None:
 
 
 def read_journal(partial: Path) -> Journal:
-    """The journal of `partial` up to its last sound line. Raises InputError where not even the header is sound."""
+    """The journal of `partial` up to its last intact line. Raises InputError where not even the header is intact."""
     journal: Journal | None = None
     sound = 0
     try:
@@ -79,19 +79,21 @@ def read_journal(partial: Path) -> Journal:
                     journal.records.append(Record(payload["attrs"], payload["texts"], chunks))
     except OSError as error:
         raise InputError(
-            f"no journal of an unfinished store: {error.strerror}", where=str(partial), allowed="a .partial folder"
+            f"There is no journal of an unfinished store: {error.strerror}.",
+            where=str(partial),
+            allowed="a .partial folder",
         ) from error
     if journal is None:
         raise InputError(
-            "the unfinished store holds no complete capture",
-            where=str(partial), next_step="remove the folder and generate anew",
+            "The unfinished store contains no complete capture.",
+            where=str(partial), next_step="remove the folder and generate the captures again",
         )  # fmt: skip
     journal.sound_bytes = sound
     return journal
 
 
 def has_header(partial: Path) -> bool:
-    """Whether the journal of `partial` got as far as its first sound line."""
+    """Whether the journal of `partial` contains an intact first line."""
     try:
         with open(partial / JOURNAL, "rb") as file:
             return _payload(file.readline()) is not None
@@ -107,18 +109,18 @@ def lock_journal(file: IO[bytes], partial: Path) -> None:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise InputError(
-            "another process is writing this store",
+            "Another process is writing this store.",
             where=str(partial),
-            next_step="wait for it, or choose another --out",
+            next_step="wait until it ends, or choose another --out",
         ) from error
     except OSError as error:
-        # Some shared file systems have no locks; there, as everywhere, the journal's checksums tell a mixture.
+        # Some shared file systems have no locks; there too the journal's checksums detect mixed writes.
         if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
             raise
 
 
 def refuse_busy(partial: Path) -> None:
-    """Raise InputError if another process is writing the store; only then is nothing of it moved or removed."""
+    """Raise InputError if another process is writing the store, before anything in it is moved or removed."""
     with suppress(FileNotFoundError), open(partial / JOURNAL, "rb") as file:
         lock_journal(file, partial)
 
@@ -133,7 +135,7 @@ def fsync_path(path: Path) -> None:
 
 
 def write_file(file: Path, content: bytes) -> None:
-    """Write or replace a file at once, forced to disk. Raises OSError."""
+    """Write or replace a file atomically, forced to disk. Raises OSError."""
     temporary = file.with_name(file.name + ".new")
     with open(temporary, "wb") as stream:
         stream.write(content)

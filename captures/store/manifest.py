@@ -1,4 +1,4 @@
-"""The manifest of a store: sha256 of every metadata file, size and checksum of every chunk; its own sha256 beside."""
+"""The manifest of a store: sha256 of every metadata file, size and checksum of every chunk. A second file holds its sha256."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ __all__ = [
 
 MANIFEST = "manifest.json"
 MANIFEST_SUM = "manifest.sha256"
-ASK_FOR_RIGHTS = "nothing shows that it is damaged: take the right to read it, then try again"
-TAKE_ANEW = "take the store from its source again, or generate it anew"
+ASK_FOR_RIGHTS = "there is no sign of damage: get permission to read it, then try again"
+TAKE_ANEW = "copy the store from its source again, or generate it anew"
 FORMAT = "beambench-captures"
-#: How the problem of a file begins that is there but could not be read: that tells nothing of its content.
+#: Beginning of the problem of a file that exists but could not be read: its content may be intact.
 UNREADABLE = "cannot be read"
-#: What a medium answers that has lost the content; all else (rights, handles, a share that is away) may pass.
+#: Errors of a medium that has lost the content; all others (permissions, handles, a missing share) may be temporary.
 _LOST = {errno.EIO, errno.EBADMSG, getattr(errno, "EUCLEAN", errno.EIO)}
 STORE_VERSION = 1
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*")
@@ -49,14 +49,14 @@ Mark = tuple[int, str]
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a store must consist of.
+    """Required content of a store.
 
     Main arguments:
-        modality, count: what the captures are, and how many.
+        modality, count: modality and number of the captures.
         metadata: sha256 by path inside the store.
-        chunks: for each array, its chunks' marks by chunk key.
+        chunks: for each array, the marks of its chunks by chunk key.
     Other arguments:
-        sha256: of the manifest's file in hex, where it was read from one.
+        sha256: of the manifest file in hex, where it was read from one.
     """
 
     modality: str
@@ -85,15 +85,15 @@ def load_manifest(root: Path) -> Manifest:
         text, expected = (root / MANIFEST).read_bytes(), (root / MANIFEST_SUM).read_bytes()
     except FileNotFoundError as error:
         raise InputError(
-            "not a store of captures, or one that lost its manifest",
+            "The folder is not a store of captures, or its manifest is missing.",
             where=str(root), allowed=f"a folder with {MANIFEST} and {MANIFEST_SUM}",
-            next_step="`beambench generate SCENE --out PATH` makes one",
+            next_step="`beambench generate SCENE --out PATH` creates a store",
         ) from error  # fmt: skip
     except OSError as error:
-        raise InputError(f"the manifest cannot be read: {error.strerror}", where=str(root)) from error
+        raise InputError(f"The manifest cannot be read: {error.strerror}.", where=str(root)) from error
     if expected != (hashlib.sha256(text).hexdigest() + "\n").encode():
         raise InputError(
-            "the manifest is damaged: its sha256 does not match",
+            "The manifest is damaged: its sha256 does not match.",
             where=str(root / MANIFEST), next_step=TAKE_ANEW,
         )  # fmt: skip
     try:
@@ -101,9 +101,9 @@ def load_manifest(root: Path) -> Manifest:
         versions = (body["format"], body["store_version"], body["schema_version"])
         if versions != (FORMAT, STORE_VERSION, SCHEMA_VERSION):
             raise InputError(
-                "the store was written under another version of the format",
+                "The store was written in another version of the format.",
                 where=str(root), value=versions, allowed=f"{(FORMAT, STORE_VERSION, SCHEMA_VERSION)}",
-                next_step="read it with the beambench that wrote it, or generate it anew",
+                next_step="read it with the version of Beambench that wrote it, or generate it anew",
             )  # fmt: skip
         count = int(body["count"])
         chunks = {
@@ -116,7 +116,7 @@ def load_manifest(root: Path) -> Manifest:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"the manifest is not one of captures: {error!r}",
+            f"The manifest is not that of a store of captures: {error!r}.",
             where=str(root / MANIFEST),
             allowed="written by beambench",
         ) from error
@@ -137,7 +137,7 @@ def check_metadata(root: Path, manifest: Manifest) -> list[tuple[str, str]]:
 
 
 def read_problem(error: OSError) -> str:
-    """What is wrong with a file that gave `error` when read: lost content, or one that cannot be read now."""
+    """The problem of a file that gave `error` when read: its content is lost, or it cannot be read at present."""
     return f"{'lost' if error.errno in _LOST else UNREADABLE}: {error.strerror or error}"
 
 
@@ -145,7 +145,7 @@ def safe_join(root: Path, key: str) -> Path:
     """`root/key`, refusing keys that leave the store. Raises InputError."""
     if not _KEY.fullmatch(key):
         raise InputError(
-            "a path in the manifest leaves the store", where=str(root), value=key, allowed="relative names"
+            "A path in the manifest leaves the store.", where=str(root), value=key, allowed="relative names"
         )
     return root / key
 
@@ -157,7 +157,7 @@ def _chunk_key(key: str, count: int) -> str:
 
 
 def regular_size(path: Path) -> int | None:
-    """Size of a regular file in bytes, None where there is none. A link counts as none: it may lead out of here."""
+    """Size of a regular file in bytes, None where there is none. A link counts as none: it may lead out of the store."""
     try:
         status = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -166,7 +166,7 @@ def regular_size(path: Path) -> int | None:
 
 
 def chunk_mark(path: Path) -> Mark:
-    """Size and stored CRC-32C (the last four bytes) of a chunk's file. Raises OSError."""
+    """Size and stored CRC-32C (the last four bytes) of a chunk file. Raises OSError."""
     with open(path, "rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - 4))

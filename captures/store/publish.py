@@ -1,4 +1,4 @@
-"""Turn a partial store into a store: true length, attributes, manifest, all on disk, then one rename."""
+"""Turn a partial store into a store: set the actual length, write attributes and manifest, sync, then rename once."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["disk_error", "is_store", "partial_of", "publish", "refuse_existing"]
 
 
 def partial_of(path: Path) -> Path:
-    """Where the store is written before it gets its name."""
+    """The folder in which the store is written before it gets its name."""
     return path.parent / f"{path.name}.partial"
 
 
 def is_store(path: Path) -> bool:
-    """Whether the folder was made by this package: only such a folder is ever replaced or removed."""
+    """Whether this package made the folder; no other folder is ever replaced or removed."""
     return path.is_dir() and ((path / MANIFEST).is_file() or (path / JOURNAL).is_file())
 
 
@@ -34,11 +34,11 @@ def refuse_existing(path: Path, overwrite: bool) -> None:
         return
     if not overwrite:
         raise InputError(
-            "the output exists", where=str(path), next_step="choose another --out, or give --overwrite"
+            "The output exists.", where=str(path), next_step="choose another --out, or add --overwrite"
         )  # fmt: skip
     if path.is_symlink() or not is_store(path):
         raise InputError(
-            "the output exists and is not a store of captures, so it is not overwritten",
+            "The output exists and is not a store of captures, so it is not overwritten.",
             where=str(path), next_step="choose another --out, or remove it yourself",
         )  # fmt: skip
 
@@ -50,7 +50,7 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, kee
     the name `keep_replaced` where one is given.
     """
     if not journal.records:
-        raise InputError("there is no complete capture to store", where=str(path))
+        raise InputError("There is no complete capture to store.", where=str(path))
     chunks: dict[str, dict[str, Mark]] = {name: {} for name in journal.structure}
     for record in journal.records:
         for name, marks in record.chunks.items():
@@ -70,7 +70,7 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, kee
 
 
 def disk_error(error: OSError, doing: str, path: Path, next_step: str = "") -> InputError:
-    """An OSError in words that say what to do."""
+    """An OSError as an InputError with advice."""
     advice = {
         errno.ENOSPC: "free space on the disk, or choose another --out",
         errno.EDQUOT: "free space in your quota, or choose another --out",
@@ -80,7 +80,7 @@ def disk_error(error: OSError, doing: str, path: Path, next_step: str = "") -> I
         errno.ENOTDIR: "choose another --out: a part of this path is a file",
     }.get(error.errno or 0, "")
     return InputError(
-        f"{doing} failed: {error.strerror or error}",
+        f"{doing} failed: {error.strerror or error}.",
         where=str(path), next_step="; ".join(filter(None, [advice, next_step])),
     )  # fmt: skip
 
@@ -100,7 +100,7 @@ def _final_metadata(partial: Path, journal: Journal) -> dict[str, str]:
 
 
 def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
-    # Of a capture that a crash cut short, and files that zarr was just writing.
+    # Chunks of a capture that a crash interrupted, and temporary files of zarr.
     for name, marks in chunks.items():
         for file in os.listdir(partial / name):
             if file not in marks and file != "zarr.json":

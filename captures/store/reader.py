@@ -1,4 +1,4 @@
-"""Read a store: checked when opened, each capture loaded when asked for."""
+"""Read a store: it is checked when opened; each capture is loaded on demand."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class CaptureIndexError(InputError, IndexError):
 
 
 def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
-    """Open the store at `path` after checking its manifest, metadata, and that each chunk is there in full size.
+    """Open the store at `path` after checking its manifest, its metadata, and that each chunk exists in full size.
 
-    Raises InputError: nothing there, a file, not a store, unfinished, another version, damaged metadata, missing or
-    truncated chunks. Damage inside a chunk is found when its capture is read, or by `verify`.
+    Raises InputError: no such path, a file, not a store, an unfinished one, another version, damaged metadata, missing or
+    truncated chunks. Damage inside a chunk is detected when its capture is read, or by `verify`.
     """
     root = Path(path).expanduser()
     _check_kind(root)
@@ -65,7 +65,7 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
         raise _refusal(root, problems)
     for array in names:
         if not (root / array).resolve().is_relative_to(root.resolve()):
-            raise InputError("a folder of the store leads out of it", where=str(root / array))
+            raise InputError("A folder of the store is a link that leads out of it.", where=str(root / array))
     return unchecked_captures(root, manifest)
 
 
@@ -74,18 +74,18 @@ def _refusal(root: Path, problems: list[tuple[str, str]]) -> InputError:
     (name, problem), *more = refused or problems
     told = f"{name}: {problem}" + (f", and {len(more)} more" if more else "")
     if refused:
-        return InputError(f"a file of the store cannot be read: {told}", where=str(root), next_step=ASK_FOR_RIGHTS)
+        return InputError(f"A file of the store cannot be read: {told}.", where=str(root), next_step=ASK_FOR_RIGHTS)
     if any(name.endswith("zarr.json") for name, _ in problems):
-        return InputError(f"the store is damaged: {told}", where=str(root), next_step=TAKE_ANEW)
+        return InputError(f"The store is damaged: {told}.", where=str(root), next_step=TAKE_ANEW)
     return InputError(
-        f"the store is damaged: {told}",
+        f"The store is damaged: {told}.",
         where=str(root),
-        next_step=f"`beambench data verify {root}` lists the damage, `beambench data repair {root}` keeps the rest",
+        next_step=f"`beambench data verify {root}` lists the damage, `beambench data repair {root}` keeps the intact captures",
     )
 
 
 def unchecked_captures(root: Path, manifest: Manifest) -> CaptureSet:
-    """The captures that `manifest` lists in `root`, whose metadata are sound. Raises InputError if they disagree."""
+    """The captures that `manifest` lists in `root`, whose metadata are intact. Raises InputError if they disagree."""
     try:
         attributes = json.loads((root / "zarr.json").read_bytes())["attributes"]
         captures = CaptureSet(
@@ -95,17 +95,19 @@ def unchecked_captures(root: Path, manifest: Manifest) -> CaptureSet:
         expected = {name: array.nchunks for name, array in captures.arrays.items()}
         agree = len(captures) == manifest.count and expected == {name: len(m) for name, m in manifest.chunks.items()}
     except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
-        raise InputError(f"the store's metadata are not those of captures: {error!r}", where=str(root)) from error
+        raise InputError(f"The metadata of the store are not those of captures: {error!r}.", where=str(root)) from error
     if not agree:
-        raise InputError("the store's metadata and manifest disagree on the number of chunks", where=str(root))
+        raise InputError(
+            "The metadata and the manifest of the store disagree on the number of chunks.", where=str(root)
+        )
     return captures
 
 
 class CaptureSet:
     """The captures of a store as a sequence: `len(s)`, `s[i]`, `for capture in s`; one in memory at a time.
 
-    `path` and `modality` tell what they are; `attributes(i)` reads a capture's attributes without its arrays, and
-    `load(i, names)` only some of its variables. `sha256` is that of the manifest: it names all that the store holds.
+    `path` and `modality` describe them; `attributes(i)` reads the attributes of a capture without its arrays, and
+    `load(i, names)` only some of its variables. `sha256` is that of the manifest and identifies the whole content.
     """
 
     def __init__(
@@ -160,7 +162,7 @@ class CaptureSet:
         for name in wanted:
             if name not in self.arrays:
                 raise InputError(
-                    "the store has no such variable",
+                    "The store has no such variable.",
                     where=str(self.path),
                     value=name,
                     allowed=", ".join(self.variables),
@@ -182,15 +184,15 @@ class CaptureSet:
         try:
             number = operator.index(index)
         except TypeError as error:
-            raise InputError("a capture is asked for by its number", where=str(self.path), value=index) from error
+            raise InputError("A capture must be selected by its number.", where=str(self.path), value=index) from error
         if not -len(self) <= number < len(self):
             raise CaptureIndexError(
-                "there is no capture of this index", where=str(self.path), value=number, allowed=f"0 … {len(self) - 1}"
+                "There is no capture of this index.", where=str(self.path), value=number, allowed=f"0 … {len(self) - 1}"
             )
         return number % len(self)
 
     def _check_marks(self, number: int, wanted: frozenset[str]) -> None:
-        # A chunk of another store or capture has a sound checksum of its own: only its mark tells.
+        # A chunk of another store or capture has a valid checksum of its own: only its mark differs.
         for array, key, mark in self._marks[number]:
             if array not in wanted:
                 continue
@@ -213,10 +215,10 @@ class CaptureSet:
 
     def _damage(self, what: str, problem: str) -> InputError:
         return InputError(
-            f"a chunk is damaged: {problem}",
+            f"A chunk is damaged: {problem}.",
             where=f"{self.path}: {what}",
             next_step=f"`beambench data verify {self.path}` lists the damage, `beambench data repair {self.path}` "
-            "keeps the rest",
+            "keeps the intact captures",
         )
 
 
@@ -224,21 +226,21 @@ def _check_kind(root: Path) -> None:
     if root.is_dir():
         if root.name.endswith(".partial"):
             raise InputError(
-                "the store is unfinished",
+                "The store is unfinished.",
                 where=str(root),
-                next_step=f"`beambench data finalize {root}` keeps what is there",
+                next_step=f"`beambench data finalize {root}` keeps its complete captures",
             )
         return
     if root.exists():
         raise InputError(
-            "a file, not a store of captures",
+            "The path is a file, not a store of captures.",
             where=str(root), allowed="a folder written by beambench",
-            next_step="`beambench generate SCENE --out PATH` makes one",
+            next_step="`beambench generate SCENE --out PATH` creates a store",
         )  # fmt: skip
     partial = partial_of(root)
     raise InputError(
-        "there is no such store",
+        "There is no such store.",
         where=str(root),
         next_step=f"`beambench data finalize {partial}` keeps the complete captures of an interrupted run"
-        if partial.is_dir() else "`beambench generate SCENE --out PATH` makes one",
+        if partial.is_dir() else "`beambench generate SCENE --out PATH` creates a store",
     )  # fmt: skip

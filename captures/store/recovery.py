@@ -1,4 +1,4 @@
-"""Finish what was interrupted, and keep what is sound of what is damaged."""
+"""Complete interrupted stores, and repair damaged ones by keeping their intact captures."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ __all__ = ["Recovery", "finalize", "repair"]
 
 @dataclass(frozen=True)
 class Recovery:
-    """What a recovery left: the store, how many captures it holds, which were dropped, and the damage found.
+    """Result of a recovery: the store, the number of its captures, the dropped captures, and the damage.
 
-    `aside` is the folder that holds the files of what was dropped, None where nothing was.
+    `aside` is the folder with the files of the dropped captures, None where none was dropped.
     """
 
     path: Path
@@ -53,26 +53,26 @@ def finalize(path: str | os.PathLike[str], *, overwrite: bool = False) -> Recove
     damage = _readable(partial, _partial_damage(partial, journal))
     if damage:
         raise InputError(
-            f"the unfinished store is damaged: {damage[0]}",
-            where=str(partial), next_step=f"`beambench data repair {partial}` keeps the sound captures",
+            f"The unfinished store is damaged: {damage[0]}.",
+            where=str(partial), next_step=f"`beambench data repair {partial}` keeps the intact captures",
         )  # fmt: skip
     try:
         publish(partial, final, journal, overwrite=overwrite)
     except OSError as error:
-        raise disk_error(error, "completing the store", final) from error
+        raise disk_error(error, "Completing the store", final) from error
     return Recovery(final, len(journal.records), (), ())
 
 
 def repair(path: str | os.PathLike[str], *, overwrite: bool = False) -> Recovery:
-    """Drop damaged captures; the sound ones keep their order and are numbered anew.
+    """Drop damaged captures; the intact ones keep their order and are numbered anew.
 
     Main arguments:
         path: a store, or an unfinished one (with `.partial`).
         overwrite: for an unfinished one, replace an existing store of the final name.
 
-    A store is replaced only after the new one is complete; the files of what was dropped stay beside it in
-    `NAME.dropped`. Raises InputError if a file cannot be read (it may be sound), metadata are damaged (then nothing can
-    be trusted), or no capture is sound.
+    A store is replaced only after the new one is complete; the files of dropped captures stay beside it in
+    `NAME.dropped`. Raises InputError if a file cannot be read (it may be intact), metadata are damaged (then no capture
+    can be trusted), or no capture is intact.
     """
     root = Path(path).expanduser()
     return _repair_partial(root, overwrite) if root.name.endswith(".partial") else _repair_store(root)
@@ -83,14 +83,14 @@ def _repair_store(root: Path) -> Recovery:
     metadata = [entry for entry in damage if entry.capture is None and entry.file.endswith("zarr.json")]
     if metadata:
         raise InputError(
-            f"metadata are damaged, so that no capture can be trusted: {metadata[0]}",
+            f"The metadata are damaged, so that no capture can be trusted: {metadata[0]}.",
             where=str(root), next_step=TAKE_ANEW,
         )  # fmt: skip
     if not damage:
         return Recovery(root, len(open_captures(root)), (), ())
     if os.path.lexists(partial_of(root)):
         raise InputError(
-            "an unfinished store is beside the damaged one, and a repair would replace it",
+            "An unfinished store is beside the damaged one, and a repair would replace it.",
             where=str(partial_of(root)), next_step="move it away, or remove it if it is left from a repair that failed",
         )  # fmt: skip
     manifest = load_manifest(root)
@@ -111,10 +111,10 @@ def _repair_partial(root: Path, overwrite: bool) -> Recovery:
     dropped = {entry.capture for entry in damage if entry.capture is not None}
     chunks = {name: {k: m for r in journal.records for k, m in r.chunks[name].items()} for name in journal.structure}
     coords = [name for name, entry in journal.structure.items() if entry["coord"]]
-    # Metadata follow from the journal, so that theirs is no damage here.
+    # Metadata are written from the journal, so their damage does not matter here.
     for name, content in metadata_files(journal.structure, CAPACITY, {}).items():
         write_file(partial / name, content)
-    # Its folder gets another name, so that the new store can be written beside it.
+    # The folder gets another name, so that the new store can be written beside it.
     aside = _aside(final)
     os.rename(partial, aside)
     records = [record.attrs for record in journal.records]
@@ -130,25 +130,25 @@ def _repair_partial(root: Path, overwrite: bool) -> Recovery:
 
 
 def _readable(root: Path, damage: list[Damage]) -> list[Damage]:
-    """`damage`, unless a file of it could not even be read. Raises InputError: dropping it might cost sound data."""
+    """`damage`, if all its files could be read. Raises InputError otherwise: dropping them might lose intact data."""
     refused = [entry for entry in damage if entry.unreadable]
     if refused:
         raise InputError(
-            f"a file of the store cannot be read: {refused[0]}"
-            + (f", and {len(refused) - 1} more" if len(refused) > 1 else ""),
+            f"A file of the store cannot be read: {refused[0]}"
+            + (f", and {len(refused) - 1} more." if len(refused) > 1 else "."),
             where=str(root), next_step=ASK_FOR_RIGHTS,
         )  # fmt: skip
     return damage
 
 
 def _aside(path: Path) -> Path:
-    """A free name beside `path` for what a repair drops: NAME.dropped, NAME.dropped-2, …"""
+    """A free name beside `path` for dropped captures: NAME.dropped, NAME.dropped-2, …"""
     names = (path.with_name(f"{path.name}.dropped{'' if n == 1 else f'-{n}'}") for n in itertools.count(1))
     return next(name for name in names if not os.path.lexists(name))
 
 
 def _thin(aside: Path, chunks: dict[str, dict[str, Mark]], dropped: set[int]) -> None:
-    """Remove from `aside` the chunks of the captures that the repaired store holds; all else stays."""
+    """Remove from `aside` the chunks of captures that are in the repaired store; all else stays."""
     for array, marks in chunks.items():
         for key in marks:
             if int(key.split(".")[1]) not in dropped:
@@ -159,7 +159,7 @@ def _rewrite(
     path: Path, captures: CaptureSet, dropped: set[int], *, overwrite: bool, keep_replaced: Path | None = None
 ) -> int:
     if len(dropped) >= len(captures):
-        raise InputError("no capture is sound", where=str(captures.path), next_step="generate the data anew")
+        raise InputError("No capture is intact.", where=str(captures.path), next_step="generate the data anew")
 
     def sound() -> Iterator[xr.Dataset]:
         return (captures[i] for i in range(len(captures)) if i not in dropped)
@@ -175,8 +175,8 @@ def _names(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     final = given.with_name(given.name.removesuffix(".partial")) if given.name.endswith(".partial") else given
     partial = partial_of(final)
     if not is_store(partial):
-        state = "it is complete already" if is_store(final) else "there is nothing unfinished"
-        raise InputError(f"{state}: no {partial.name}", where=str(given), allowed="a .partial folder")
+        state = "The store is already complete" if is_store(final) else "There is no unfinished store"
+        raise InputError(f"{state}: there is no {partial.name}.", where=str(given), allowed="a .partial folder")
     return final, partial
 
 
@@ -185,8 +185,8 @@ def _sound_journal(partial: Path) -> Journal:
     journal = read_journal(partial)
     if not journal.records:
         raise InputError(
-            "the unfinished store holds no complete capture",
-            where=str(partial), next_step="remove the folder and generate anew",
+            "The unfinished store contains no complete capture.",
+            where=str(partial), next_step="remove the folder and generate the captures again",
         )  # fmt: skip
     return journal
 

@@ -1,4 +1,4 @@
-"""What a folder holds: a store, an unfinished one, or neither; how many captures, how large."""
+"""Status of a folder: a store, an unfinished store, or neither; number of captures and size."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["StoreStatus", "status"]
 
 @dataclass(frozen=True)
 class StoreStatus:
-    """State of one folder. `n_bytes` is its size on disk, `unfinished` the partial store beside a complete one."""
+    """Status of one folder. `n_bytes` is its size on disk, `unfinished` the partial store beside a complete one."""
 
     path: Path
     state: Literal["complete", "unfinished", "absent", "other"]

@@ -14,7 +14,7 @@ __all__ = ["Damage", "chunk_problem", "verify"]
 
 @dataclass(frozen=True)
 class Damage:
-    """One damaged or unreadable file of a store; `capture` is the index of the capture that it spoils, None for all."""
+    """One damaged or unreadable file of a store; `capture` is the index of the capture affected, None for all."""
 
     file: str
     problem: str
@@ -22,7 +22,7 @@ class Damage:
 
     @property
     def unreadable(self) -> bool:
-        """The file could not be read, for want of a right, say: its content may be sound."""
+        """The file could not be read, e.g. for lack of permission: its content may be intact."""
         return self.problem.startswith(UNREADABLE)
 
     def __str__(self) -> str:
@@ -30,14 +30,14 @@ class Damage:
 
 
 def verify(path: str | os.PathLike[str]) -> list[Damage]:
-    """Every damaged file of the store at `path`; an empty list if the store is sound.
+    """Every damaged file of the store at `path`; an empty list if the store is intact.
 
     Metadata are compared with their sha256, chunks with their size and CRC-32C, both with the manifest; chunks that
-    the manifest does not know are listed too. Raises InputError where there is no store with a sound manifest.
+    the manifest does not know are listed too. Raises InputError where there is no store with an intact manifest.
     """
     root = Path(path).expanduser()
     if not root.is_dir():
-        raise InputError("there is no such store", where=str(root), allowed="a folder written by beambench")
+        raise InputError("There is no such store.", where=str(root), allowed="a folder written by beambench")
     manifest = load_manifest(root)
     damage = [Damage(name, problem, None) for name, problem in check_metadata(root, manifest)]
     for array, marks in manifest.chunks.items():
@@ -51,7 +51,7 @@ def _unknown_files(folder: Path, array: str, known: set[str]) -> list[Damage]:
     try:
         names = sorted(os.listdir(folder))
     except (FileNotFoundError, NotADirectoryError):
-        return []  # its files are told as missing
+        return []  # its files are reported as missing
     except OSError as error:
         return [Damage(array, read_problem(error), None)]
     return [Damage(f"{array}/{name}", "not in the manifest", None) for name in names if name not in known]
@@ -68,7 +68,7 @@ def chunks_damage(folder: Path, array: str, marks: dict[str, Mark]) -> list[Dama
 
 
 def chunk_problem(file: Path, mark: Mark) -> str:
-    """What is wrong with a chunk's file; empty if nothing is."""
+    """The problem of a chunk file, or an empty text."""
     size, stored = mark
     try:
         found = regular_size(file)

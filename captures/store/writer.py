@@ -1,4 +1,4 @@
-"""Write captures to a store, one by one, so that memory holds one and a crash costs one."""
+"""Write captures to a store one by one: one is in memory at a time, and a crash loses at most one."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ def write(
     Main arguments:
         captures: one capture, or any iterable of them, consumed one by one; all of one modality, layout and shape.
         overwrite: replace an existing store, after the new one is complete.
-        resume: append to `path`.partial, whose complete captures stay (`CaptureWriter.count` tells how many); where
-            there is none, begin.
+        resume: append to `path`.partial, whose complete captures are kept (`CaptureWriter.count` of them); without one,
+            begin a new store.
 
     Raises InputError: output exists, invalid capture, captures that differ in layout, disk full, folder not writable.
-    When writing fails the final name is untouched; complete captures stay in `path`.partial for `finalize`.
+    If writing fails nothing appears under the final name; complete captures stay in `path`.partial for `finalize`.
     """
     import xarray as xr
 
@@ -82,7 +82,7 @@ class CaptureWriter:
     Other arguments:
         keep_replaced: the name that an overwritten store gets; it is removed if None.
 
-    `count` is the number of complete captures, `attributes(i)` what one of them records. Raises InputError as `write` does.
+    `count` is the number of complete captures, `attributes(i)` the attributes of one. Raises InputError as `write` does.
     """
 
     def __init__(
@@ -101,13 +101,15 @@ class CaptureWriter:
         self._texts: dict[str, str] = {}
         self._file: IO[bytes] | None = None
         if not self.path.name or self.path.name.endswith(".partial"):
-            raise InputError("not a name for a store", where=str(path), allowed="a name without .partial at its end")
+            raise InputError(
+                "This cannot be the name of a store.", where=str(path), allowed="a name without .partial at its end"
+            )
         refuse_existing(self.path, overwrite)
         try:
             if not (resume and self._reopen()):
                 self._start(resume)
         except OSError as error:
-            raise disk_error(error, "creating the store", self.path) from error
+            raise disk_error(error, "Creating the store", self.path) from error
 
     @property
     def count(self) -> int:
@@ -115,7 +117,7 @@ class CaptureWriter:
         return len(self._journal.records) if self._journal else 0
 
     def attributes(self, index: int) -> dict[str, Any]:
-        """Attributes of a complete capture, as its `Dataset` had them. Raises IndexError."""
+        """Attributes of a complete capture, as in its `Dataset`. Raises IndexError."""
         if self._journal is None:
             raise IndexError(index)
         return decode_attributes(self._journal.records[index].attrs, self._texts)
@@ -124,7 +126,7 @@ class CaptureWriter:
         """Validate and write one capture; it is on disk when this returns. Raises InputError."""
         where = f"capture {self.count}"
         if self._file is None:
-            raise InputError("the store is closed", where=str(self.path), next_step="open a writer with resume=True")
+            raise InputError("The store is closed.", where=str(self.path), next_step="open a writer with resume=True")
         validate(capture, "values", where=where)
         structure = structure_of(capture)
         try:
@@ -134,16 +136,16 @@ class CaptureWriter:
             assert journal is not None
             self._check_same(str(capture.attrs["modality"]), structure, where)
             if self.count >= CAPACITY:
-                raise InputError("the store is full", where=str(self.path), value=self.count, allowed=f"< {CAPACITY}")
+                raise InputError("The store is full.", where=str(self.path), value=self.count, allowed=f"< {CAPACITY}")
             new_texts: dict[str, str] = {}
             attrs = encode_attributes({str(k): v for k, v in capture.attrs.items()}, new_texts)
             new_texts = {key: text for key, text in new_texts.items() if key not in self._texts}
             chunks = {name: self._write_array(name, capture.variables[name]) for name in structure}
             append_line(self._file, {"attrs": attrs, "texts": new_texts, "chunks": chunks})
         except OSError as error:
-            # The journal may end in a torn line now: nothing may follow it.
+            # The journal may now end in a torn line: nothing may be appended to it.
             self.abandon()
-            raise disk_error(error, f"writing {where}", self.path) from error
+            raise disk_error(error, f"Writing {where}", self.path) from error
         self._texts.update(new_texts)
         journal.records.append(Record(attrs, new_texts, chunks))
 
@@ -152,11 +154,11 @@ class CaptureWriter:
         self._release()
         if self._journal is None or not self.count:
             self.abandon()
-            raise InputError("there is no capture to write", where=str(self.path), allowed="at least one capture")
+            raise InputError("There is no capture to write.", where=str(self.path), allowed="at least one capture")
         try:
             publish(self.partial, self.path, self._journal, overwrite=self.overwrite, keep_replaced=self._keep_replaced)
         except OSError as error:
-            raise disk_error(error, "completing the store", self.path, self._advice()) from error
+            raise disk_error(error, "Completing the store", self.path, self._advice()) from error
 
     def abandon(self) -> None:
         """Stop without a store: complete captures stay in the partial folder; without any, the folder is removed."""
@@ -189,7 +191,7 @@ class CaptureWriter:
         if os.path.lexists(self.partial):
             if not (self.overwrite or resume) or not is_store(self.partial):
                 raise InputError(
-                    "an unfinished store is in the way",
+                    "An unfinished store is in the way.",
                     where=str(self.partial),
                     next_step=f"`beambench data finalize {self.partial}` keeps its complete captures; "
                     "--resume continues it; or remove it",
@@ -199,7 +201,7 @@ class CaptureWriter:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.partial.mkdir()
         try:
-            # An empty journal marks the folder as ours from the first moment on.
+            # An empty journal marks the folder as one of Beambench from the start.
             self._file = open(self.partial / JOURNAL, "ab")  # noqa: SIM115 (closed by _release)
             lock_journal(self._file, self.partial)
         except OSError:
@@ -242,7 +244,7 @@ class CaptureWriter:
         for name in [*first, *(name for name in this if name not in first)]:
             if first.get(name) != this.get(name):
                 raise InputError(
-                    f"all captures of one store have one layout, and {name} differs from the first capture",
+                    f"All captures of a store must have one layout, but {name} differs from the first capture.",
                     where=where, value=this.get(name), allowed=str(first.get(name)),
                     next_step="write captures of another layout to another store",
                 )  # fmt: skip

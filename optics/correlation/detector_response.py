@@ -1,4 +1,4 @@
-"""The speed of a photodetector: impulse responses by rise time, and the pulse as such a detector shows it.
+"""The speed of a photodetector: impulse responses by rise time, and the pulse as such a detector records it.
 
 The charge of one photoelectron is spread over time with density h(t), ∫h = 1. A pulse of density p then gives the
 signal q = p * h, a convolution: q(t) = ∫ p(s) h(t − s) ds.
@@ -33,7 +33,7 @@ Shape = Literal["gaussian", "single-pole"]
 
 #: 10-90 % rise of a Gaussian's integral in σ: 2 √2 erfinv(.8).
 _GAUSSIAN_RISE = 2.563_103_131_089_200_6
-#: Samples to the narrower of pulse width and pole time.
+#: Samples per the narrower of pulse width and pole time.
 _PER_WIDTH = 48
 _MOST_SAMPLES = 1 << 16
 
@@ -71,11 +71,11 @@ def impulse_response(shape: Shape, rise_time_s: float, t: ArrayLike) -> Array:
 
 
 def detected_pulse(pulse: Pulse, shape: Shape, rise_time_s: float) -> tuple[Pulse, float]:
-    """(q moved to centroid 0, its mean delay in s): the pulse as the detector shows it.
+    """(q shifted to centroid 0, its mean delay in s): the pulse as the detector records it.
 
     Exact for a Gaussian response (as `broadened`) and for a Gaussian pulse with a single pole (exponentially modified
-    Gaussian). Otherwise q is sampled: the pulse in straight lines, 48 to the narrower width, through the exact solution
-    of τ q' = p − q on each line, so that area and centroid keep and the variance grows by a 10⁻⁴ part or less.
+    Gaussian). Otherwise q is sampled: the pulse as straight lines, 48 per narrower width, and the exact solution of
+    τ q' = p − q on each line, so that area and centroid are kept and the variance grows by 10⁻⁴ of itself or less.
     Raises ValueError unless the rise time is positive.
     """
     if not (np.isfinite(rise_time_s) and rise_time_s > 0.0):
@@ -91,7 +91,7 @@ def detected_pulse(pulse: Pulse, shape: Shape, rise_time_s: float) -> tuple[Puls
     step = min(step, 0.4 * (high - low))
     _, value = sample_pulse(pulse, step)
     value = np.concatenate([[0.0], value, np.zeros(int(np.ceil(33.0 * tau / step)) + 1)])
-    # On a line p = p₀ + s t: q(t) = q₀ e + p₀ (1 − e) + s (t − τ (1 − e)), e = exp(−t/τ).
+    # On a line p = p₀ + s t the solution is q(t) = q₀ e + p₀ (1 − e) + s (t − τ (1 − e)), e = exp(−t/τ).
     decay = float(np.exp(-step / tau))
     gain = -float(np.expm1(-step / tau))
     slope_part = 1.0 - tau / step * gain

@@ -1,11 +1,11 @@
-"""Closed forms of R(u) = ∫ p(t) g(t + u) dt for every pair of a pulse p and a gate g (front: `correlation.py`).
+"""Closed forms of R(u) = ∫ p(t) g(t + u) dt for every pair of a pulse p and a gate g (public face: `response.py`).
 
 With S(x) = ∫_x^∞ p and Q(x) = ∫_x^∞ S, a piecewise-linear gate with jumps J_i and slope changes D_i at x_i gives
 
     R(u) = Σ J_i S(x_i − u) + D_i Q(x_i − u),       dR/du = Σ J_i p(x_i − u) + D_i S(x_i − u).
 
-Gaussian gates and exponential decays meet piecewise-linear pulses with the roles changed; Gaussian and exGaussian
-pulses meet them in error functions (`_pair`). No quadrature is used anywhere.
+Gaussian gates and exponential decays with piecewise-linear pulses use the same form with the roles of p and g swapped;
+with Gaussian and exGaussian pulses they give error functions (`_pair`). No quadrature is used.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ __all__ = ["correlation", "correlation_kinks", "correlation_slope", "correlation
 
 
 def correlation(pulse: Pulse, gate: Gate, u: ArrayLike) -> Array:
-    """R(u) = ∫ p(t) g(t + u) dt, dimensionless: the fraction of a pulse that a gate of transmission ≤ 1 lets through.
+    """R(u) = ∫ p(t) g(t + u) dt, dimensionless: the fraction of a pulse that the gate (transmission ≤ 1) transmits.
 
     Main arguments:
         pulse, gate: shapes of `waveforms`; the pulse has unit area and its centroid at 0, the gate opens at 0.
-        u: s, any shape: arrival of the pulse's centroid after the gate's opening edge.
-    Returns R of u's shape. Raises ValueError on shapes that cannot exist.
+        u: s, any shape: time from the gate's opening edge to the arrival of the pulse's centroid.
+    Returns R in the shape of u. Raises ValueError for impossible shapes.
     """
     return _summed(_pair, pulse, gate, u)
 
@@ -40,7 +40,7 @@ def correlation_slope(pulse: Pulse, gate: Gate, u: ArrayLike) -> Array:
 
 
 def _summed(pair: Callable[..., Array], pulse: Pulse, gate: Gate, u: ArrayLike) -> Array:
-    """Sum over the gate's parts, exactly 0 outside the support, where Q's growth would leave rounding."""
+    """Sum over the gate's parts, exactly 0 outside the support, where the terms in Q cancel only up to rounding."""
     lo, hi = correlation_support(pulse, gate)
     x = np.asarray(u, dtype=np.float64)
     inside = np.clip(x, lo, hi)
@@ -62,7 +62,7 @@ def correlation_kinks(pulse: Pulse, gate: Gate) -> tuple[Array, float]:
     """
     at_p, by_p = _jumps(pulse_part(pulse))
     found = [_jumps(piece) for piece in gate_parts(gate)]
-    # Jumps of two parts at one place add up: a rectangle's end and a decay's start may cancel.
+    # Jumps of two parts at the same place add up: a rectangle's end and a decay's start may cancel.
     at_g, where = np.unique(np.concatenate([at for at, _ in found]), return_inverse=True)
     by_g = np.bincount(where, np.concatenate([by for _, by in found]), minlength=at_g.size)
     keep = np.abs(by_g) > 1e-12 * np.max(np.abs(by_g), initial=0.0)
@@ -104,7 +104,7 @@ def _pair(p: Gaussian | ExGaussian | PiecewiseLinear, g: Part, u: Array) -> Arra
     if isinstance(p, Gaussian):
         # The decay, mirrored, convolved with the Gaussian: an exGaussian of raw start g.start.
         return _decayed(p.sigma, g.tail, u + p.mean - g.start, g.height * g.tail * p.area)
-    # exGaussian pulse X + E: either X alone has passed the edge, or the memoryless E carries it over.
+    # exGaussian pulse X + E: either X alone is beyond the edge, or the memoryless E carries the sum beyond it.
     v = u + p.mean - p.tail - g.start
     weight = p.area * g.height * g.tail / (g.tail + p.tail)
     return weight * (_decayed(p.sigma, g.tail, v, g.tail) + _decayed(p.sigma, p.tail, -v, p.tail))
@@ -138,21 +138,21 @@ def _pair_slope(p: Gaussian | ExGaussian | PiecewiseLinear, g: Part, u: Array) -
 
 
 def _with_gaussian(p: Gaussian | ExGaussian, g: Gaussian) -> Gaussian | ExGaussian:
-    """p convolved with the (even) Gaussian gate, to be read at g.mean − u."""
+    """p convolved with the (even) Gaussian gate, to be evaluated at g.mean − u."""
     sigma, area = float(np.hypot(p.sigma, g.sigma)), p.area * g.area
     return Gaussian(p.mean, sigma, area) if isinstance(p, Gaussian) else ExGaussian(p.mean, sigma, p.tail, area)
 
 
 def _decayed(sigma: float, tail: float, v: Array, area: float) -> Array:
-    """area/tail · E[exp(−(X + v)/tail); X + v > 0] with X ~ N(0, sigma): an exGaussian read at v."""
+    """area/tail · E[exp(−(X + v)/tail); X + v > 0] with X ~ N(0, sigma): an exGaussian evaluated at v."""
     return ExGaussian(tail, sigma, tail, area).density(v)
 
 
 def _lines_with_decay(p: PiecewiseLinear, g: Decay, u: Array) -> Array:
     """∫ p(t) g(t + u) dt cell by cell: ∫₀^L (a + m s) e^{−s/τ} ds = a τ(1 − e^{−L/τ}) + m τ² P(2, L/τ).
 
-    P is the regularised lower incomplete gamma function, accurate for small and large L/τ, so that decays much longer
-    or shorter than the pulse lose no digits.
+    P is the regularised lower incomplete gamma function, accurate for small and large L/τ, so that no digits are
+    lost for decays much longer or shorter than the pulse.
     """
     total = np.zeros_like(u)
     slope = (p.left[1:] - p.right[:-1]) / np.diff(p.knot)

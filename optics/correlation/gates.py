@@ -30,7 +30,7 @@ class RectangularGate:
 
 @dataclass(frozen=True)
 class TrapezoidalGate:
-    """Linear edges; `width_s` between the half heights, top = width − (rise + fall)/2, opening from −rise/2."""
+    """Linear edges; `width_s` between the half heights, top = width − (rise + fall)/2, starting to open at −rise/2."""
 
     width_s: float
     rise_s: float
@@ -48,7 +48,7 @@ class GaussianGate:
 
 @dataclass(frozen=True)
 class ExponentialGate:
-    """Opens at once, open for `width_s`, then exp(−(τ − width)/tail)."""
+    """Opens instantly, stays open for `width_s`, then closes as exp(−(τ − width)/tail)."""
 
     width_s: float
     tail_s: float
@@ -57,7 +57,7 @@ class ExponentialGate:
 
 @dataclass(frozen=True)
 class SampledGate:
-    """Transmission on an even grid from `start_s`, linear between samples, zero outside."""
+    """Transmission sampled on an even grid from `start_s`, linear between samples, zero outside."""
 
     start_s: float
     step_s: float
@@ -74,7 +74,7 @@ def _positive(name: str, value: float) -> float:
 
 
 def gate_parts(gate: Gate) -> tuple[Part, ...]:
-    """The gate as a sum of elementary shapes. Raises ValueError on impossible widths."""
+    """The gate as a sum of elementary shapes. Raises ValueError for impossible widths."""
     if isinstance(gate, RectangularGate):
         return (ramps([(0.0, gate.transmission), (_positive("width_s", gate.width_s), gate.transmission)]),)
     if isinstance(gate, TrapezoidalGate):
@@ -97,7 +97,7 @@ def gate_parts(gate: Gate) -> tuple[Part, ...]:
         return (Gaussian(0.5 * gate.fwhm_s, sigma, gate.transmission * sigma * float(np.sqrt(2.0 * np.pi))),)
     if isinstance(gate, ExponentialGate):
         if not (np.isfinite(gate.width_s) and gate.width_s >= 0.0):
-            raise ValueError(f"width_s must be finite and not negative, not {gate.width_s!r}")
+            raise ValueError(f"width_s must be finite and at least 0, not {gate.width_s!r}")
         decay = Decay(gate.width_s, _positive("tail_s", gate.tail_s), gate.transmission)
         if gate.width_s == 0.0:
             return (decay,)
@@ -128,11 +128,11 @@ def gate_area(gate: Gate) -> float:
 
 
 def sample_gate(gate: Gate, step_s: float) -> tuple[float, Array]:
-    """Samples of g on an even grid, as a rig declares them: (start_s, transmission), read with straight lines between.
+    """Samples of g on an even grid, as a rig declares them: (start_s, transmission), to be interpolated linearly.
 
-    Continuous gates: values at the grid's points, which start at the support's lower end. Gates that jump, or rise within
-    two steps: weighted with the grid's hat function, which keeps the area and centroid exactly and lets a jump rise over two steps.
-    A sampled gate at its own step is returned as it is. Raises ValueError unless 0 < step_s < half of the support.
+    Continuous gates: values at the grid points, from the lower end of the support. Gates that jump, or rise within two
+    steps: weighted with the hat function of the grid, which keeps area and centroid exactly and spreads a jump over two
+    steps. A sampled gate at its own step is returned unchanged. Raises ValueError unless 0 < step_s < half of the support.
     """
     if isinstance(gate, SampledGate) and abs(step_s / gate.step_s - 1.0) < 1e-9:
         return gate.start_s, np.asarray(gate.value, dtype=np.float64)
@@ -151,6 +151,6 @@ def sample_gate(gate: Gate, step_s: float) -> tuple[float, Array]:
     value = np.zeros(count)
     for part in parts:
         value += np.diff(part.upper2(edge), n=2) / step_s**2
-    # Averages lie between the gate's extremes; the second difference leaves rounding of 1e-16·(tail/step)².
+    # Averages lie between the extremes of the gate; the second difference has rounding errors of 1e-16·(tail/step)².
     extremes = gate.value if isinstance(gate, SampledGate) else (gate.transmission,)
     return start, np.clip(value, min(0.0, *extremes), max(0.0, *extremes))

@@ -1,4 +1,4 @@
-"""Compiled lookups in a cubic Hermite table of R(u). Called from other kernels they are inlined by LLVM."""
+"""Compiled lookups in a cubic Hermite table of R(u). LLVM inlines them where other kernels call them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["hermite_slope", "hermite_value"]
 def hermite_value(start: float, inv_step: float, value: Any, slope: Any, u: float) -> float:
     """R(u) from a table: `start` [s], `inv_step` [1/s], `value`(n), `slope`(n) [1/s], `u` [s].
 
-    Outside the table, and for NaN, the result is the nearest end's value (NaN: the first); tables of `tabulate` end
+    Outside the table the result is the value of the nearest end (of the first node for NaN); tables of `tabulate` end
     in zeros.
     """
     last = value.size - 1
@@ -32,7 +32,7 @@ def hermite_value(start: float, inv_step: float, value: Any, slope: Any, u: floa
 
 @kernel
 def hermite_slope(start: float, inv_step: float, value: Any, slope: Any, u: float) -> float:
-    """dR/du [1/s]: the derivative of `hermite_value` inside the table, the end's slope (zero) outside."""
+    """dR/du [1/s]: the derivative of `hermite_value` inside the table, the slope of the end (zero) outside."""
     last = value.size - 1
     x = (u - start) * inv_step
     x = x if x > 0.0 else 0.0

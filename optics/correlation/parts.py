@@ -1,7 +1,7 @@
-"""The elementary shapes that pulses and gates are made of, with their first and second upper integrals.
+"""The elementary shapes of which pulses and gates consist, with their first and second upper integrals.
 
 Every part f has three methods on arrays: `density(x)` = f(x), `upper(x)` = S(x) = ∫_x^∞ f and
-`upper2(x)` = Q(x) = ∫_x^∞ S = ∫ (t − x)₊ f(t) dt. All correlations of `correlation.py` are sums of these.
+`upper2(x)` = Q(x) = ∫_x^∞ S = ∫ (t − x)₊ f(t) dt. All correlations in `forms.py` are sums of these.
 Times in s, values in the unit of f.
 """
 
@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[np.float64]
 _SQRT2 = float(np.sqrt(2.0))
 _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 #: An edge shorter than this fraction of the whole shape is treated as a jump at its middle: its slope would amplify
-#: rounding (1e-16 / 1e-7), while the shift of weight is below half of this fraction.
+#: rounding (1e-16 / 1e-7), while the displaced area is below half of this fraction.
 _JUMP_FRACTION = 1e-7
 #: Gaussians end where exp(−z²/2) < 1e-14, decays where exp(−z) < 1e-14.
 _GAUSS_REACH = 8.1
@@ -52,7 +52,7 @@ class Gaussian:
         return np.asarray(0.5 * self.area * erfc((x - self.mean) / (_SQRT2 * self.sigma)), dtype=np.float64)
 
     def upper2(self, x: Array) -> Array:
-        """area·σ·(φ(z) − z·Φ(−z)); for z > 0 with φ in front, so that the tail decays to zero without noise."""
+        """area·σ·(φ(z) − z·Φ(−z)); for z > 0 with φ factored out, so that the tail decays to zero without rounding noise."""
         z = (x - self.mean) / self.sigma
         phi = np.exp(-0.5 * z * z) / _SQRT_2PI
         # np.abs keeps erfcx finite where the other branch is taken.

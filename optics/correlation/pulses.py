@@ -16,10 +16,10 @@ __all__ = [
     "broadened", "finest_feature_s", "pulse_density", "pulse_part", "pulse_support", "pulse_variance", "sample_pulse",
 ]  # fmt: skip
 
-#: Samples of a broadened pulse per jitter sigma, and the most samples in all.
+#: Samples of a broadened pulse per jitter sigma, and the largest total.
 _PER_SIGMA = 32
 _MOST_SAMPLES = 1 << 17
-#: Most samples that a pulse is asked for on a grid of the caller's step.
+#: Largest number of samples of a pulse on a grid of the caller's step.
 _MOST_GRID = 1 << 22
 
 
@@ -56,7 +56,7 @@ class ExponentialPulse:
 
 @dataclass(frozen=True)
 class SampledPulse:
-    """Even samples, linear between, zero outside; any offset and scale (both are removed)."""
+    """Even samples, linear between, zero outside; offset in time and scale are arbitrary (both are removed)."""
 
     step_s: float
     value: tuple[float, ...]
@@ -73,12 +73,12 @@ def _positive(name: str, value: float) -> float:
 
 def _centred(shape: PiecewiseLinear) -> PiecewiseLinear:
     if not (np.isfinite(shape.area) and shape.area > 0.0):
-        raise ValueError(f"a pulse needs a positive, finite area, not {shape.area!r}")
+        raise ValueError(f"A pulse needs a positive, finite area, not {shape.area!r}.")
     return shape.moved(-shape.centroid, 1.0 / shape.area)
 
 
 def pulse_part(pulse: Pulse) -> Gaussian | ExGaussian | PiecewiseLinear:
-    """The pulse as an elementary shape of unit area and centroid 0. Raises ValueError on non-positive widths."""
+    """The pulse as an elementary shape of unit area and centroid 0. Raises ValueError for widths that are not positive."""
     if isinstance(pulse, GaussianPulse):
         return Gaussian(0.0, _positive("fwhm_s", pulse.fwhm_s) / FWHM_PER_SIGMA)
     if isinstance(pulse, ExponentialPulse):
@@ -89,7 +89,7 @@ def pulse_part(pulse: Pulse) -> Gaussian | ExGaussian | PiecewiseLinear:
     if isinstance(pulse, TrapezoidalPulse):
         rise, top, fall = pulse.rise_s, pulse.top_s, pulse.fall_s
         if min(rise, top, fall) < 0.0:
-            raise ValueError(f"rise_s, top_s and fall_s must not be negative, not {(rise, top, fall)}")
+            raise ValueError(f"rise_s, top_s and fall_s must be at least 0, not {(rise, top, fall)}")
         base = _positive("rise_s + top_s + fall_s", rise + top + fall)
         # In units of the base, so that the area is of order one whatever the time scale.
         unit = ramps([(0.0, 0.0), (rise / base, 1.0), ((rise + top) / base, 1.0), (1.0, 0.0)])
@@ -123,14 +123,14 @@ def pulse_variance(pulse: Pulse) -> float:
 def broadened(pulse: Pulse, sigma_s: float) -> Pulse:
     """The pulse convolved with a Gaussian of standard deviation `sigma_s` (jitter drawn anew for every shot), in s.
 
-    Exact for Gaussian and exponential pulses. The others become samples of the exact convolution, 32 to a sigma (at
-    most 131,072 in all) and with the variance that linear interpolation adds, step²/6, taken off sigma beforehand;
-    R then errs by less than 1e-6 of its peak for gates longer than sigma_s. Below 3e-5 of the pulse's base length the
-    blur itself changes R by less than 1.2e-5 of the pulse's peak × base and the pulse is returned as it is.
+    Exact for Gaussian and exponential pulses. The others become samples of the exact convolution, 32 per sigma (at
+    most 131,072 in all); the variance that linear interpolation adds, step²/6, is subtracted from sigma² beforehand, so
+    that R errs by less than 1e-6 of its peak for gates longer than sigma_s. Below 3e-5 of the pulse's base length the
+    blur changes R by less than 1.2e-5 of the pulse's peak × base, and the pulse is returned unchanged.
     Raises ValueError if `sigma_s` is negative.
     """
     if not (np.isfinite(sigma_s) and sigma_s >= 0.0):
-        raise ValueError(f"sigma_s must be finite and not negative, not {sigma_s!r}")
+        raise ValueError(f"sigma_s must be finite and at least 0, not {sigma_s!r}")
     if sigma_s == 0.0:
         return pulse
     if isinstance(pulse, GaussianPulse):
@@ -156,8 +156,8 @@ def broadened(pulse: Pulse, sigma_s: float) -> Pulse:
 
 
 def finest_feature_s(pulse: Pulse) -> float:
-    """Shortest part of the pulse that samples of it must follow [s]: σ of a Gaussian (also that of an exponential's rise),
-    the shortest ramp or straight piece; of a sampled pulse its peak over its steepest slope."""
+    """Shortest feature of the pulse that samples must resolve [s]: σ of a Gaussian (also of the rise of an exponential
+    pulse), the shortest straight piece, or, of a sampled pulse, its peak over its steepest slope."""
     if isinstance(pulse, GaussianPulse | ExponentialPulse):
         return float(pulse.fwhm_s / FWHM_PER_SIGMA)
     if isinstance(pulse, SampledPulse):
@@ -175,7 +175,7 @@ def sample_pulse(pulse: Pulse, step_s: float) -> tuple[float, Array]:
 
     Continuous pulses: values at the grid's points. Pulses that jump: weighted with the hat function of the grid
     (∫ p(t) hat((t−t_i)/step) dt / step), which keeps area and centroid. A sampled pulse at its own step is returned
-    as it is. Read linearly, the samples' variance exceeds the pulse's by step²/6 (points) or step²/3 (hats).
+    unchanged. Interpolated linearly, the samples exceed the pulse's variance by step²/6 (points) or step²/3 (hats).
     Raises ValueError unless 0 < step_s < half of the support, and where over 2²² samples would be needed.
     """
     part = pulse_part(pulse)
@@ -186,9 +186,7 @@ def sample_pulse(pulse: Pulse, step_s: float) -> tuple[float, Array]:
     if not 0.0 < step_s < 0.5 * (hi - lo):
         raise ValueError(f"step_s must be above 0 and below half the pulse's support {hi - lo:.6g} s, not {step_s!r}")
     if hi - lo > _MOST_GRID * step_s:
-        raise ValueError(
-            f"steps of {step_s:.3g} s over a support of {hi - lo:.3g} s make more than {_MOST_GRID} samples"
-        )
+        raise ValueError(f"step_s {step_s:.3g} over a support of {hi - lo:.3g} s gives more than {_MOST_GRID} samples")
     count = int(np.ceil((hi - lo) / step_s)) + 3
     # Centred on the support, so that a symmetric pulse has symmetric samples.
     start = 0.5 * (lo + hi) - 0.5 * (count - 1) * step_s

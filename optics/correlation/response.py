@@ -1,10 +1,10 @@
 """The response R(u) = ∫ p(t) g(t + u) dt of a pulse p and a gate g: a *correlation*, in closed form for every pair.
 
-A surface whose echo arrives u after the gate's opening edge is seen with R(u); in slice k, u = 2 n_g r/c − t_k.
-A convolution would mirror the pulse, which is wrong as soon as the pulse is asymmetric.
+An echo that arrives u after the gate's opening edge is recorded with weight R(u); in slice k, u = 2 n_g r/c − t_k.
+A convolution would mirror the pulse, which is wrong for an asymmetric one.
 
-One door to three files: `correlation_forms` (the closed forms), `correlation_table` (tables of R and their NumPy
-lookup) and `hermite` (the compiled lookup, imported on first use since Numba costs half a second).
+Public face of three files: `forms` (the closed forms), `table` (tables of R and their NumPy lookup) and `hermite` (the
+compiled lookup, imported on first use because importing Numba takes half a second).
 """
 
 from __future__ import annotations

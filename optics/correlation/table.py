@@ -16,7 +16,7 @@ __all__ = ["Table", "lookup", "tabulate"]
 
 _FIRST_CELLS = 32
 _MOST_CELLS = 1 << 21
-#: The share of rtol that the checked error may use; the rest is for the points between the checks.
+#: Share of rtol allowed to the error at checked points; the rest is a margin for the points between them.
 _SHARE = 0.8
 
 
@@ -24,7 +24,7 @@ _SHARE = 0.8
 class Table:
     """R and dR/du on u = start_s + step_s·i. `value`(n), `slope`(n) [1/s]; both are zero at the ends.
 
-    `max_error` is the largest error found when the table was checked, as a fraction of max R.
+    `max_error` is the largest error at the checked points, as a fraction of max R.
     """
 
     start_s: float
@@ -35,7 +35,7 @@ class Table:
 
     @property
     def inv_step(self) -> float:
-        """1/step_s, as the compiled lookups take it."""
+        """1/step_s, the argument of the compiled lookups."""
         return 1.0 / self.step_s
 
 
@@ -44,13 +44,13 @@ def tabulate(pulse: Pulse, gate: Gate, rtol: float) -> Table:
 
     Main arguments:
         pulse, gate: shapes of `waveforms`.
-        rtol: bound of the error of the tabulated value, as a fraction of max R; 1e-12 < rtol < 1.
+        rtol: largest error of the tabulated value, as a fraction of max R; 1e-12 < rtol < 1.
     The number of cells doubles until the error at three points of each cell and at every kink of R is below 0.8 rtol.
-    Smooth R needs tens to hundreds of cells (error ∝ step⁴). Where pulse and gate both jump, R kinks and the error
-    there is up to |ΔR'|·step/6.75: the table starts with the cells that this needs, about 10⁵ for rtol 1e-5, and
-    leaves out tails below rtol/10 of the peak. Lookups are not negative (beyond rounding) unless R itself is, as with
-    samples that hold negative values. Raises ValueError where 2²¹ cells do not suffice (rectangles: rtol below 1e-6),
-    saying what was reached.
+    Smooth R needs tens to hundreds of cells (error ∝ step⁴). Where pulse and gate both jump, R has kinks and the
+    error there is up to |ΔR'|·step/6.75: the table starts with the number of cells that this requires, about 10⁵ for
+    rtol 1e-5, and omits tails below rtol/10 of the peak. Lookups are not negative (beyond rounding) unless R itself is,
+    as with negative samples. Raises ValueError, with the error reached, where 2²¹ cells do not suffice (rectangles: rtol
+    below 1e-6).
     """
     if not 1e-12 < rtol < 1.0:
         raise ValueError(f"rtol must be between 1e-12 and 1, not {rtol!r}")
@@ -62,18 +62,18 @@ def tabulate(pulse: Pulse, gate: Gate, rtol: float) -> Table:
         seen = coarse_u[coarse > 0.1 * rtol * np.max(coarse)]
         lo, hi = max(lo, seen[0] - coarse_step), min(hi, seen[-1] + coarse_step)
     needed = bend * (hi - lo) / (6.75 * _SHARE * rtol * max(float(np.max(coarse)), 1e-300))
-    # Start with two finest details a cell at most, so that the checks cannot step over one.
+    # Start with at most two finest details per cell, so that the checks cannot miss one.
     detail = max(_finest(pulse_part(pulse)), min(_finest(piece) for piece in gate_parts(gate)))
     seen_cells = min((hi - lo) / (2.0 * detail), _MOST_CELLS / 16)
     cells = int(np.clip(max(1.02 * needed, seen_cells), _FIRST_CELLS, _MOST_CELLS))
     while True:
         step = (hi - lo) / cells
-        # Two cells of margin on both sides, the outer one exactly zero, so that lookups beyond it are too.
+        # Two cells of margin on both sides; the outer one is exactly zero, so that lookups beyond it are zero too.
         grid = lo + step * np.arange(-2, cells + 3)
         value, slope = correlation(pulse, gate, grid), correlation_slope(pulse, gate, grid)
         peak = float(np.max(np.abs(value)))
         if peak == 0.0:
-            raise ValueError("the gate never lets the pulse through: R is zero everywhere")
+            raise ValueError("The gate never transmits the pulse: R is zero everywhere.")
         value[[0, 1, -2, -1]] = slope[[0, 1, -2, -1]] = 0.0
         if np.min(value) > -1e-9 * peak:
             # Expected counts must not be negative: |slope| ≤ 3 value/step is sufficient for cubics that stay above 0
@@ -88,8 +88,8 @@ def tabulate(pulse: Pulse, gate: Gate, rtol: float) -> Table:
             return Table(table.start_s, step, value, slope, error)
         if cells >= _MOST_CELLS:
             raise ValueError(
-                f"rtol {rtol:g} is out of reach for this pulse and gate: {cells} cells leave an error of {error:.3g}; "
-                "give the pulse or the gate finite edges, or ask for less"
+                f"rtol {rtol:g} cannot be reached for this pulse and gate: {cells} cells leave an error of {error:.3g}; "
+                "give the pulse or the gate finite edges, or choose a larger rtol"
             )
         cells = min(2 * cells, _MOST_CELLS)
 

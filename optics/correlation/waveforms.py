@@ -1,7 +1,7 @@
-"""Pulse and gate shapes in one place: see `pulses.py` and `gates.py`.
+"""Pulse and gate shapes from both files, `pulses.py` and `gates.py`.
 
-`pulse_from_spec` and `gate_from_spec` turn any object with the class name and fields of one of the shapes
-(the specs of `scenes.waveforms`) into the shape itself.
+`pulse_from_spec` and `gate_from_spec` turn a spec of `scenes.waveforms`, or any object with the same class name and
+fields, into the shape.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The exact likelihood of a detector's sample, and the Fisher information that follows from it."""
+"""The exact likelihood of a detector sample, and its Fisher information."""

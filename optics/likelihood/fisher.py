@@ -1,8 +1,8 @@
-"""Cramér-Rao bound on time of flight and range of a gated stack, amplitude and background profiled.
+"""Cramér-Rao bound on time of flight and range of a gated stack, with amplitude and background as nuisance parameters.
 
     μ_k = a·R(τ − t_k) + b·q_k,    F_ij = Σ_k J(μ_k) ∂_iμ_k ∂_jμ_k,    var τ >= 1/(F_ττ − F_τn F_nn⁻¹ F_nτ)
 
-over the nuisances n that are not known.
+over the nuisance parameters n that are not known.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def stack_information(
 ) -> Array:
     """The Fisher matrix (pixel, 3, 3) of (τ, amplitude, background), summed over slices.
 
-    Arrays broadcast to (slice, pixel); μ and its derivatives are in photoelectrons per unit of each parameter. Memory
-    is that of the inputs and six sums per pixel. Raises ValueError for arrays of another rank.
+    Arrays broadcast to (slice, pixel); μ and its derivatives are in photoelectrons per unit of each parameter. Beyond the
+    inputs it needs memory for six sums per pixel. Raises ValueError for arrays of another rank.
     """
     from .fisher_kernels import accumulate
 
@@ -60,22 +60,22 @@ def tau_bound(
     amplitude_known: bool = False,
     background_known: bool = False,
 ) -> Array:
-    """Least standard deviation of τ [s] of an unbiased estimate, per pixel; inf where the stack holds no information.
+    """Least standard deviation of τ [s] of an unbiased estimate, per pixel; inf where the stack contains no information.
 
     Main arguments: as `stack_information`.
-    Other arguments: nuisances that the estimator is told. A nuisance of which the stack holds nothing is left out.
+    Other arguments: nuisance parameters that the estimator is given. One that the stack does not depend on is ignored.
     Source: C. R. Rao 1945, H. Cramér 1946; nuisance parameters by the Schur complement of the Fisher matrix.
     """
     f = stack_information(mu, dmu_dtau, dmu_damplitude, dmu_dbackground, table)
     tt, ta, tb, aa, ab, bb = f[:, 0, 0], f[:, 0, 1], f[:, 0, 2], f[:, 1, 1], f[:, 1, 2], f[:, 2, 2]
     keep_a = np.zeros_like(tt) if amplitude_known else np.where(aa > 0.0, 1.0, 0.0)
     keep_b = np.zeros_like(tt) if background_known else np.where(bb > 0.0, 1.0, 0.0)
-    # Eliminate the amplitude first, then what is left of the background.
+    # Eliminate the amplitude first, then the remaining part of the background.
     over_a = keep_a / np.where(aa > 0.0, aa, 1.0)
     left = tt - ta * ta * over_a
     cross = tb - ta * ab * over_a
     rest = bb - ab * ab * over_a
-    usable = rest > 1e-12 * bb  # else the background is the amplitude again, and has been taken out with it
+    usable = rest > 1e-12 * bb  # else the background is collinear with the amplitude, and was eliminated with it
     left = left - keep_b * np.where(usable, cross * cross / np.where(usable, rest, 1.0), 0.0)
     live = left > 1e-12 * tt
     return np.where(live, 1.0 / np.sqrt(np.where(live, left, 1.0)), np.inf)
@@ -97,7 +97,7 @@ def range_bound(
     amplitude_known: bool = False,
     background_known: bool = False,
 ) -> Array:
-    """`tau_bound` as range of a coaxial rig [m], per pixel."""
+    """`tau_bound` as a range of a coaxial rig [m], per pixel."""
     sigma = tau_bound(
         mu, dmu_dtau, dmu_damplitude, dmu_dbackground, table,
         amplitude_known=amplitude_known, background_known=background_known,

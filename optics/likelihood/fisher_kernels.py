@@ -1,4 +1,4 @@
-"""Compiled look-up of log J in log μ, and the sums of the 3×3 Fisher matrix over slices."""
+"""Compiled lookup of log J in log μ, and the sums of the 3×3 Fisher matrix over slices."""
 
 from __future__ import annotations
 

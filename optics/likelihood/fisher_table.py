@@ -1,4 +1,4 @@
-"""J(μ) tabulated once per noise model and looked up for millions of samples."""
+"""J(μ), tabulated once per noise model and looked up for millions of samples."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .sample import information
 
 __all__ = ["InformationTable", "information_table"]
 
-#: Relative error allowed to the interpolation; midpoints beyond it become nodes.
+#: Relative error allowed in the interpolation; midpoints that exceed it become nodes.
 _TOLERANCE = 3e-4
-#: J·μ below this is no information: the sample is saturated.
+#: Below this J·μ a sample is saturated: it contains no information.
 _DEAD = 1e-7
 _LOWEST = 1e-4
 
 
 def _needs_exact(noise: NoiseModel, mu: float) -> bool:
-    """False where the second-order form is right to 1e-4: bright, finely digitised, far from every clip."""
+    """False where the second-order form is accurate to 1e-4: bright, finely digitised, far from clipping."""
     mean, variance = noise.mean_e(mu), noise.well_variance_e2(mu)
     spread = math.sqrt(variance + noise.read_noise_e**2)
     bottom = (0.5 - noise.offset_dn) / noise.gain_dn_per_e
@@ -44,9 +44,9 @@ def _exact(noise: NoiseModel, mu: float) -> float:
 class InformationTable:
     """Exact information J(μ) [1/electron²] of a noise model, by cubic interpolation of log J in log μ.
 
-    Nodes from 1e-4 photoelectrons to where saturation leaves none; refined until each midpoint agrees with the exact
-    value within 3e-4. Below 1e-4 the slope there is followed (flat with read noise, where J tends to a constant; 1/μ
-    without). Above the last node J = 0. Zero or negative μ counts as 1e-12.
+    Nodes from 1e-4 photoelectrons to the saturation of the sample; refined until each midpoint agrees with the exact
+    value within 3e-4. Below 1e-4 J is extrapolated with its slope there (flat with read noise, where J tends to a
+    constant; 1/μ without). Above the last node J = 0. Zero or negative μ is treated as 1e-12.
     """
 
     def __init__(self, noise: NoiseModel) -> None:
@@ -76,11 +76,11 @@ class InformationTable:
                     added.append(middle)
             if not added:
                 break
-            # A new node splits its interval; its neighbours' slopes change too, but by less than the change it caused.
+            # A new node splits its interval; the slopes of its neighbours change too, but by less than its own correction.
             nodes = sorted({*nodes, *added})
             new = set(added)
             fresh = [(a, b) for a, b in pairwise(nodes) if a in new or b in new]
-        # Midpoints that agreed cost an evaluation each: use them too.
+        # The midpoints that agreed have been evaluated anyway: use them as nodes too.
         x = np.array(sorted(u for u in known if u <= top))
         y = np.log([max(known[float(u)], 1e-300) for u in x])
         self.log_mu: Array = x
@@ -89,7 +89,7 @@ class InformationTable:
         self.mu_max: float = math.exp(top)
 
     def _last_node(self, at: Callable[[float], float]) -> float:
-        """log μ where saturation has taken all but `_DEAD` of the information, by bisection."""
+        """log μ at which saturation leaves `_DEAD` of the information, by bisection."""
         clip = max(self.noise.ceiling_e / self.noise.intensifier_gain, 1e-3)
         low = math.log(clip)
         spread = math.sqrt(self.noise.well_variance_e2(clip) + self.noise.read_noise_e**2)
@@ -105,7 +105,7 @@ class InformationTable:
         return low
 
     def _edge(self, top: float) -> Iterable[float]:
-        """Extra nodes around the clip, every half spread, where J falls."""
+        """Extra nodes around clipping, where J falls, spaced by half a standard deviation."""
         at = max(self.noise.ceiling_e / self.noise.intensifier_gain, 1e-3)
         spread = math.sqrt(self.noise.well_variance_e2(at) + self.noise.read_noise_e**2) / self.noise.intensifier_gain
         nodes = at + 0.5 * spread * np.arange(-12, 20)

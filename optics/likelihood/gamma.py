@@ -1,8 +1,8 @@
-"""The intensified chain: a compound Poisson-gamma law on a lattice, by Fourier transform.
+"""The intensified detector chain: a compound Poisson-gamma distribution on a lattice, by Fourier transform.
 
 The well's content x = Σ gamma(1/(F²−1), G(F²−1)) over n ~ Poisson(μ) has the transform exp(μ(f̂ − 1)), f̂ that of one
 photoelectron's output. Two lattices: a *fine* one for few photoelectrons, where the atom at n = 0 and the gamma's shape
-show (mean-preserving masses, spacing 1/24 of the output's σ: variance right to 2e-4), and a *smooth* one above
+matter (mean-preserving masses, spacing 1/24 of the output's σ: variance accurate to 2e-4), and a *smooth* one above
 `_SMOOTH_FROM` photoelectrons, where the density is band-limited and the exact transform is sampled.
 """
 
@@ -57,7 +57,7 @@ def _well_masses(noise: NoiseModel, mu: float, step: float, smooth: bool, dark: 
         one = np.power(1.0 + s * gain * excess, -1.0 / excess) if excess > 1e-6 else np.exp(-s * gain)
     else:
         masses = _severity(noise, step)
-        # Only the remainder modulo `size` matters to a cyclic transform; the window holds all the mass.
+        # A cyclic transform depends only on the index modulo `size`; the window contains all the mass.
         folded = np.bincount(np.arange(masses.size) % size, weights=masses, minlength=size)
         one = rfft(folded)
     law = np.exp(mu * (one - 1.0))
@@ -76,7 +76,7 @@ def _well_masses(noise: NoiseModel, mu: float, step: float, smooth: bool, dark: 
 
 
 def _clip(start: int, p: Array, dp: Array, step: float, well: float) -> tuple[Array, Array]:
-    """Moves what is above the full well onto it, split over the two nearest lattice points."""
+    """Moves the mass above the full well onto it, split over the two nearest lattice points."""
     place = well / step - start
     last = int(np.clip(np.floor(place), -1, p.size))
     if last >= p.size - 2:
@@ -109,7 +109,7 @@ def intensified_cells(noise: NoiseModel, mu: float) -> tuple[int, Array, Array]:
     step = 1.0 / (gain * parts)
     dark, offset = noise.dark_e, noise.offset_dn
     if not smooth and step > 1.0 and dark > 0.0:
-        # A lattice coarser than one electron cannot hold single dark electrons: their variance joins the read noise.
+        # A lattice coarser than one electron cannot represent single dark electrons: their variance is added to read noise.
         sigma, offset, dark = math.sqrt(sigma * sigma + dark), offset + gain * dark, 0.0
     start, p, dp = _well_masses(noise, mu, step, smooth, dark)
     p, dp = _clip(start, p, dp, step, noise.full_well_e)
@@ -136,7 +136,7 @@ def intensified_cells(noise: NoiseModel, mu: float) -> tuple[int, Array, Array]:
 
 
 def _codes(top: int, first: int, p: Array, dp: Array) -> tuple[int, Array, Array]:
-    """Collects what lies outside 0 … top into the end codes."""
+    """Adds the mass outside 0 … top to the end codes."""
     y = np.clip(first + np.arange(p.size), 0, top)
     origin = int(y[0])
     mass, slope = (np.asarray(np.bincount(y - origin, weights=v), dtype=np.float64) for v in (p, dp))

@@ -11,7 +11,7 @@ from ..jit import kernel
 
 __all__ = ["bare_cells", "bare_log_pmf"]
 
-_REACH = 9.0  # standard deviations kept either side: 1e-19 of the mass is left out
+_REACH = 9.0  # standard deviations kept on either side: 1e-19 of the mass is omitted
 
 
 @kernel
@@ -42,7 +42,7 @@ def _spread(
     p: Any,
     dp: Any,
 ) -> None:
-    """Adds the cells that x electrons reach to p and dp, every `stride` codes from `first`."""
+    """Adds to p and dp the codes that x electrons can give, every `stride` codes from `first`."""
     centre = gain * x + offset
     reach = _REACH * sigma * gain + 1.0
     low = max(math.floor(centre - reach), 0)
@@ -100,7 +100,7 @@ def bare_cells(
             _spread(float(n), w, before - w, sigma, gain, offset, top, first, stride, p, dp)
         before = w
         w *= mean / (n + 1.0)
-    # What lies above `high` slips past the window's end: its slope is the last weight, so that Σ dp = 0 exactly.
+    # Mass above `high` leaves the window: its slope is the last weight, so that Σ dp = 0 exactly.
     full_dw += before
     if full_w > 0.0 or high >= well:
         _spread(well, full_w, full_dw, sigma, gain, offset, top, first, stride, p, dp)
@@ -135,7 +135,7 @@ def _log_cell(x: float, low: float, high: float, sigma: float) -> float:
 def bare_log_pmf(
     dn: Any, mean: Any, sigma: float, gain: float, offset: float, top: int, well: float, out: Any, score: Any
 ) -> None:
-    """log P(dn; mean) and d log P/d mean per element (1-D arrays), by a sum in logs: stable in any tail."""
+    """log P(dn; mean) and d log P/d mean per element (1-D arrays), summed in logarithms: stable in any tail."""
     for e in range(dn.size):
         y = dn[e]
         mu = mean[e]
@@ -145,7 +145,7 @@ def bare_log_pmf(
             continue
         below = -math.inf if y == 0 else (y - 0.5 - offset) / gain
         above = math.inf if y == top else (y + 0.5 - offset) / gain
-        # The counts that matter lie between the mean and the observed level.
+        # The counts that contribute lie between the mean and the observed level.
         seen = max(0.0, min((y - offset) / gain, well))
         near = min(mu, seen)
         far = max(mu, seen)
@@ -178,7 +178,7 @@ def bare_log_pmf(
 def code_window(
     mean: float, variance: float, sigma: float, gain: float, offset: float, top: int, well: float
 ) -> tuple[int, int]:
-    """First and last code that hold mass, for a well of this mean and variance and a read noise σ."""
+    """First and last code with non-negligible probability, for a well of this mean and variance and a read noise σ."""
     spread = _REACH * np.sqrt(variance)
     low = gain * (min(max(mean - spread - 8.0, 0.0), well) - _REACH * sigma) + offset - 2.0
     high = gain * (min(mean + spread + 30.0, well) + _REACH * sigma) + offset + 2.0

@@ -1,4 +1,4 @@
-"""The detector chain whose likelihood is computed: one frozen record, hashable, so that tables can be cached on it."""
+"""The detector chain whose likelihood is computed: a frozen, hashable record, so that tables can be cached by it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class NoiseModel:
         intensifier_gain: G > 0, electrons in the well per photoelectron of the cathode.
         dark_e: mean dark electrons per sample, >= 0.
 
-    Fixed pattern (PRNU, DSNU) is not noise of one pixel and is left out. Raises ValueError for a value outside these.
+    Fixed pattern (PRNU, DSNU) is not noise of one pixel and is not modelled. Raises ValueError for a value out of range.
     Source: EMVA Standard 1288, release 4.0 (linear camera model), 2021.
     """
 
@@ -59,7 +59,7 @@ class NoiseModel:
 
     @property
     def intensified(self) -> bool:
-        """True where the well holds something else than the photoelectrons themselves."""
+        """True where the electrons in the well are not the photoelectrons themselves."""
         return self.excess_noise_factor > 1.0 or self.intensifier_gain != 1.0
 
     @property

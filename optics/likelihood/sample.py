@@ -15,7 +15,7 @@ __all__ = ["Distribution", "NoiseModel", "distribution", "information", "log_pmf
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """P(first_dn + k) = `p[k]` and its slope dP/dμ = `slope[k]` [1/electron]; codes outside hold under 1e-15."""
+    """P(first_dn + k) = `p[k]` and its slope dP/dμ = `slope[k]` [1/electron]; codes outside have P below 1e-15."""
 
     first_dn: int
     p: Array
@@ -28,20 +28,20 @@ class Distribution:
 
     @property
     def information(self) -> float:
-        """J = Σ (dP/dμ)²/P [1/electron²]; codes under 1e-16 of the mass are left out (rounding, not signal)."""
+        """J = Σ (dP/dμ)²/P [1/electron²]; codes with P below 1e-16 are omitted (rounding errors)."""
         keep = self.p > 1e-16
         return float(np.sum(np.square(self.slope[keep]) / self.p[keep]))
 
 
 def _check(mu: float) -> None:
     if not (mu > 0.0 and np.isfinite(mu)):
-        raise ValueError(f"mean photoelectrons must be positive and finite, not {mu!r}")
+        raise ValueError(f"The mean number of photoelectrons must be positive and finite, not {mu!r}.")
 
 
 def distribution(noise: NoiseModel, mu: float) -> Distribution:
-    """The law of the DN at μ > 0 mean photoelectrons of one sample. Raises ValueError for another μ.
+    """Distribution of the DN of one sample at μ > 0 mean photoelectrons. Raises ValueError for another μ.
 
-    Bare sensor: a sum over the Poisson count, exact to rounding. Intensified: `likelihood_gamma`, J right to 3e-4.
+    Bare sensor: a sum over the Poisson count, exact to rounding. Intensified: `gamma.py`, J accurate to 3e-4.
     """
     _check(mu)
     if noise.intensified:
@@ -75,8 +75,8 @@ def _fill(noise: NoiseModel, mu: float, first: int, stride: int, p: Array, slope
 def information(noise: NoiseModel, mu: float) -> float:
     """Exact Fisher information J(μ) = Σ_y (dP/dμ)²/P [1/electron²] of one sample about its mean photoelectrons.
 
-    Where the read noise spans many codes and no end code is reached, (dP)²/P is smooth in y and every stride-th code,
-    at least 1.5 per read noise σ, gives the same sum (rectangle rule, error exp(−2π²·1.5²/2) < 1e-9).
+    Where the read noise spans many codes and neither end code is reached, (dP)²/P is smooth in y, and every stride-th
+    code, at least 1.5 per read noise σ, gives the same sum (rectangle rule, error exp(−2π²·1.5²/2) < 1e-9).
     """
     _check(mu)
     if noise.intensified:
@@ -103,8 +103,8 @@ def pmf(noise: NoiseModel, mu: ArrayLike) -> Array:
 def log_pmf(noise: NoiseModel, dn: ArrayLike, mu: ArrayLike) -> Array:
     """log P(DN; μ), broadcast over `dn` (whole codes) and `mu` (> 0; NaN elsewhere).
 
-    Bare sensor: summed in logs, so finite however far `dn` is from μ (−inf only where P is zero: outside the ADC's
-    codes, or unreachable without read noise). Intensified: −inf below 1e-15, the transform's rounding.
+    Bare sensor: summed in logarithms, hence finite however far `dn` is from μ (−inf only where P is zero: outside the
+    ADC's codes, or impossible without read noise). Intensified: −inf below 1e-15, the rounding error of the transform.
     """
     return _log_and_score(noise, dn, mu)[0]
 

@@ -1,1 +1,1 @@
-"""Natural waters: refractive index, absorption, scattering, and light scattered once or often."""
+"""Natural waters: refractive index, absorption, scattering, and light scattered once or many times."""

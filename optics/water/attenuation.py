@@ -1,7 +1,7 @@
 """Attenuation of light and of sound in water against wavelength (Kusters 1992, Eq. 2.1, 2.2 and Figure 2.1).
 
-Light dims as I = I₀ e^{−cr}; sound is told in dB/km by oceanographers and turned into 1/m of intensity here, so that
-the two can be drawn on one axis as in the figure: light against micrometres, sound against millimetres.
+Light is attenuated as I = I₀ e^{−cr}. Oceanographers give sound absorption in dB/km; it is converted to intensity
+attenuation in 1/m, so that both fit one axis as in the figure: light against micrometres, sound against millimetres.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = [
     "sound_absorption_ainslie_mccolm", "sound_absorption_francois_garrison", "sound_attenuation_of_wavelength",
 ]  # fmt: skip
 
-#: The figure names its waters, not their source: the waters that stand for them here, (source, type).
+#: The figure names its waters but not their source: the waters used in their place, (source, type).
 FIGURE_2_1_WATERS = {
     "distilled": ("pure", "fresh"),
     "ocean": ("williamson2022", "IB"),
@@ -29,19 +29,19 @@ FIGURE_2_1_WATERS = {
 
 
 def frequency_eq2_1(wavelength_m: ArrayLike, speed_m_per_s: ArrayLike) -> Array:
-    """Eq. 2.1: f = c/λ, Hz (the scan lost the fraction)."""
+    """Eq. 2.1: f = c/λ, Hz (the fraction is missing in the scan)."""
     return np.asarray(np.asarray(speed_m_per_s, np.float64) / np.asarray(wavelength_m, np.float64))
 
 
 def intensity_eq2_2(intensity: ArrayLike, attenuation_per_m: ArrayLike, range_m: ArrayLike) -> Array:
-    """Eq. 2.2, Lambert-Beer: I = I₀ e^{−cr} after the distance r, in the unit of I₀."""
+    """Eq. 2.2, Beer-Lambert: I = I₀ e^{−cr} after the distance r, in the unit of I₀."""
     return np.asarray(np.asarray(intensity, np.float64) * np.exp(-np.asarray(attenuation_per_m) * np.asarray(range_m)))
 
 
 def light_attenuation(source: str, kind: str, wavelength_m: ArrayLike) -> Array:
     """c = a + b of a water of `optics.water` at vacuum wavelengths, 1/m; NaN where the source has no value.
 
-    Raises ValueError for an unknown source or type. Sources end at .7 or .8 µm, the figure at 1.3 µm.
+    Raises ValueError for an unknown source or type. Sources extend to .7 or .8 µm, the figure to 1.3 µm.
     """
     water_optics(source, kind, 532e-9)
     wavelength = np.asarray(wavelength_m, dtype=np.float64)
@@ -65,8 +65,8 @@ def sound_absorption_francois_garrison(
 ) -> Array:
     """Absorption of sound in sea water, dB/km (Francois and Garrison, J. Acoust. Soc. Am. 72:1879, 1982).
 
-    Coefficients as in MB-System's manual of `mbabsorption` and in several public programs; the manual's .0004397 for
-    4.937e-4 is a slip, since only the latter joins the branch above 20 °C.
+    Coefficients as in MB-System's manual of `mbabsorption` and in several public programs; .0004397 in the manual is a
+    misprint for 4.937e-4, which alone is continuous with the branch above 20 °C.
 
     α = A₁f₁f²/(f₁² + f²) + A₂P₂f₂f²/(f₂² + f²) + A₃P₃f², f in kHz: boric acid, magnesium sulphate, pure water. Stated
     accuracy 5 % for −2 … 22 °C, 30 … 35 psu (10 % elsewhere); with salinity 0 the first two vanish.
@@ -91,7 +91,7 @@ def sound_absorption_ainslie_mccolm(
 ) -> Array:
     """The same, dB/km, in the shorter form of Ainslie and McColm (J. Acoust. Soc. Am. 103:1671, 1998).
 
-    Coefficients as in the public program `alphaAinslieMcColm.m` of ECOSONS; the paper itself was not at hand.
+    Coefficients as in the public program `alphaAinslieMcColm.m` of ECOSONS; the paper itself was not available.
     Within 10 % of Francois and Garrison for 100 Hz … 1 MHz, −6 … 35 °C, 5 … 50 psu, pH 7.7 … 8.3, 0 … 7 km.
     """
     f2_khz = (np.asarray(frequency_hz, dtype=np.float64) / 1e3) ** 2
@@ -102,7 +102,7 @@ def sound_absorption_ainslie_mccolm(
 
 
 def _relaxation(f2: Array, relaxation: float) -> Array:
-    """f₁f²/(f₁² + f²), and 0 for a relaxation that is not there."""
+    """f₁f²/(f₁² + f²), and 0 where there is no relaxation."""
     return np.zeros_like(f2) if relaxation == 0.0 else np.asarray(relaxation * f2 / (relaxation**2 + f2))
 
 

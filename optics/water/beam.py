@@ -1,7 +1,7 @@
-"""A beam's angular profile after forward scattering: I ⊗ h, the halo that a slab of medium adds around it.
+"""A beam's angular profile after forward scattering: I ⊗ h, the halo of scattered light that a slab of medium adds.
 
-With the halo's point spread h(θ) of `scatter_halo`, the beam's intensity at range r is e^{−cr}·[I(θ) + X(θ)],
-X = I ⊗ h. For a beam far wider than h, X = I·(e^{b r (1 − B)} − 1); for a pencil X = h.
+With the halo's point spread function h(θ) of `halo.py`, the beam's intensity at range r is e^{−cr}·[I(θ) + X(θ)],
+X = I ⊗ h. For a beam far wider than h, X = I·(e^{b r (1 − B)} − 1); for a pencil beam X = h.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["BeamHalo", "beam_halo", "halo_value", "tabulate_beam_halo"]
 
 _PROFILE_NODES = 2048
 _AROUND = 48  # directions around half a ring, by the midpoint rule
-_ACROSS = 64  # radii of the beam, seen from far outside it
+_ACROSS = 64  # radii of the beam, for angles far outside it
 
 
 def beam_halo(
@@ -39,19 +39,19 @@ def beam_halo(
         intensity: I(θ) of angles, 1/sr; zero or negligible beyond `edge_rad`.
         phase, scattering_length: the medium and b·r.
 
-    On the tangent plane of the axis: the small-angle picture. Inside the beam rings of h are averaged around θ, far
-    outside h is averaged over the beam; each is smooth where it is used.
+    In the small-angle approximation, on the tangent plane of the axis. Inside the beam I is averaged over rings of h
+    around θ; far outside, h is averaged over the beam; each is smooth where it is used.
     """
     theta = np.ascontiguousarray(angle_rad, dtype=np.float64)
     spread = halo_spread(phase, scattering_length)
     profile = np.asarray(intensity(np.linspace(0.0, edge_rad, _PROFILE_NODES)), dtype=np.float64)
     ring = np.diff(spread.enclosed, prepend=0.0)
     ring[-1] += max(spread.total - spread.enclosed[-1], 0.0)
-    # Shares of light in rings: between two neighbours of an even ln-grid its middle is the geometric mean.
+    # Light in rings: on an even logarithmic grid the middle of two neighbours is their geometric mean.
     radius = np.concatenate([[0.5 * spread.angle_rad[0]], np.sqrt(spread.angle_rad[1:] * spread.angle_rad[:-1])])
     node, weight = _across_nodes()
     across = 0.5 * edge_rad * (node + 1.0)
-    # the same planar measure for both ways of averaging
+    # the same planar measure for both averages
     flux = 0.5 * edge_rad * weight * np.asarray(intensity(across)) * 2.0 * np.pi * across
     log_density = np.log(np.maximum(spread.density, 1e-300))
     start = float(np.log(spread.angle_rad[0]))
@@ -82,7 +82,7 @@ def _convolve(theta, profile, edge, radius, ring, across, flux, log_density, sta
                 p = radius[j]
                 if p > t + edge:
                     break
-                turn = few if p < 0.02 * edge else cosines  # a small ring sees the beam as a plane
+                turn = few if p < 0.02 * edge else cosines  # over a small ring the beam is linear
                 mean = 0.0
                 for a in range(turn.size):
                     d = np.sqrt(max(t * t + p * p - 2.0 * t * p * turn[a], 0.0))
@@ -110,9 +110,9 @@ def _convolve(theta, profile, edge, radius, ring, across, flux, log_density, sta
 
 @dataclass(frozen=True, eq=False)
 class BeamHalo:
-    """X(θ, r) tabulated: `log_shape`(range, angle) of X/(e^{k r} − 1), even in ln r and in asinh(θ/angle_scale_rad).
+    """Table of X(θ, r): `log_shape`(range, angle) of X/(e^{k r} − 1), even in ln r and in asinh(θ/angle_scale_rad).
 
-    `rate_per_m` k = b(1 − B)·legs. Read it with `at`, or in kernels with `halo_value`.
+    `rate_per_m` k = b(1 − B)·legs. Evaluate it with `at`, in kernels with `halo_value`.
     """
 
     log_range_start: float
@@ -123,7 +123,7 @@ class BeamHalo:
     log_shape: Array
 
     def at(self, angle_rad: ArrayLike, range_m: ArrayLike) -> Array:
-        """X at angles and ranges that broadcast, 1/sr; ranges outside the table take its nearest shape."""
+        """X at angles and ranges that broadcast, 1/sr; a range outside the table uses the nearest tabulated shape."""
         theta, r = np.broadcast_arrays(np.asarray(angle_rad, np.float64), np.asarray(range_m, np.float64))
         value = _look_up(
             np.ascontiguousarray(theta).ravel(), np.ascontiguousarray(r).ravel(), self.log_range_start,
@@ -135,7 +135,7 @@ class BeamHalo:
 
 @kernel
 def halo_value(theta, r, v0, inv_dv, inv_scale, inv_du, rate, table):  # type: ignore[no-untyped-def]
-    """X(θ, r) from the numbers of a `BeamHalo`, scalar; linear in both grid coordinates, of the logarithm."""
+    """X(θ, r) from the fields of a `BeamHalo`, scalar; its logarithm is interpolated linearly in both coordinates."""
     v = min(max((np.log(r) - v0) * inv_dv, 0.0), table.shape[0] - 1.0)
     u = min(np.arcsinh(theta * inv_scale) * inv_du, table.shape[1] - 1.0)
     i = min(int(v), table.shape[0] - 2)
@@ -169,16 +169,16 @@ def tabulate_beam_halo(
 
     Main arguments:
         intensity, edge_rad: the beam, as for `beam_halo`.
-        legs: 1 for the beam on its way out; 2 where the way back is blurred too (backscatter of a coaxial rig, by
-            reciprocity I ⊗ h_out ⊗ h_back).
+        legs: 1 for the outgoing beam; 2 where the return path blurs too (backscatter of a coaxial rig, by reciprocity
+            I ⊗ h_out ⊗ h_back).
     Raises ValueError for b ≤ 0 or an empty interval.
     """
     low, high = range_m
     if not (scattering_per_m > 0.0 and 0.0 < low <= high):
-        raise ValueError("a halo needs scattering and a range above 0")
+        raise ValueError("A halo needs scattering (b > 0) and an interval of ranges above 0.")
     high = max(high, low * 1.001)
     rate = scattering_per_m * legs * forward_share(phase)
-    # The shape changes little over a scattering length: one node for each, 6 … 18, keeps the table within 1.5 %.
+    # The shape changes little over a scattering length: one node for each, 6 … 18, keeps the table accurate to 1.5 %.
     ranges = 6 + int(min(rate * (high - low), 12.0))
     r = np.geomspace(low, high, ranges)
     scale = 0.1 * edge_rad

@@ -1,12 +1,12 @@
-"""Forward-scattered light in the small-angle approximation: transfer function and point spread of a slab of medium.
+"""Forward-scattered light in the small-angle approximation: transfer and point spread function of a slab of medium.
 
-Light that turns by ψ at the fraction t of the way from a target at r is displaced by the angle ψt, seen from the other
-end; that holds for the beam going out and, by reciprocity, for the image coming back. Over many scatterings (Wells 1973)
+Light deflected by ψ at the fraction t of the path from a target at r is displaced by the angle ψt, seen from the other
+end; this holds for the outgoing beam and, by reciprocity, for the returning image. Over many scatterings (Wells 1973)
 
     M(q) = exp(−c r + b r Q(q)),   Q(q) = ∫₀¹ S(qt) dt,   S(k) = 2π ∫₀^{π/2} β̃(ψ) J₀(2πkψ) sinψ dψ,
 
-q in cycles per radian. Q(0) = 1 − B, so that M(0) = e^{−(a + b_b) r}: a wide beam loses only what is absorbed or turned
-back; M(∞) = e^{−cr} is the light never scattered. The halo is the difference: e^{−cr}·[e^{b r Q(q)} − 1].
+q in cycles per radian. Q(0) = 1 − B, so that M(0) = e^{−(a + b_b) r}: a wide beam loses only light that is absorbed or
+scattered backward; M(∞) = e^{−cr} is the unscattered light. The halo is the difference, e^{−cr}·[e^{b r Q(q)} − 1].
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ _Q_LOW, _Q_HIGH = 1e-5, 1e9
 
 
 def forward_share(phase: PhaseFunction) -> float:
-    """Q(0) = 1 − B: the share of scattered light that turns by less than a right angle."""
+    """Q(0) = 1 − B: the share of scattered light deflected by less than a right angle."""
     return float(phase_cdf(phase, _RIGHT_ANGLE))
 
 
 def ring_transfer(x: ArrayLike) -> Array:
-    """G(x) = ∫₀¹ J₀(xt) dt: transfer of light displaced by ψt, t even in 0 … 1, at x = 2πqψ; 1 at 0, → 1/x."""
+    """G(x) = ∫₀¹ J₀(xt) dt: transfer of light displaced by ψt, t uniform in 0 … 1, at x = 2πqψ; 1 at 0, → 1/x."""
     from scipy.special import itj0y0
 
     value = np.abs(np.asarray(x, dtype=np.float64))
     safe = np.clip(value, 1e-6, 400.0)
     inner = itj0y0(safe)[0] / safe
-    # Beyond 400 the ripple (below 4 % of G) is finer than any cell of angles and averages out.
+    # Beyond 400 the ripple (below 4 % of G) is finer than any angular cell and averages out.
     return np.where(value > 400.0, 1.0 / np.maximum(value, 400.0), np.where(value < 1e-6, 1.0, inner))
 
 
@@ -74,7 +74,7 @@ def wells_mtf(
 
 @dataclass(frozen=True, eq=False)
 class HaloSpread:
-    """Point spread h(θ) of the halo relative to the unscattered light, on `angle_rad` (n, even in ln θ).
+    """Point spread function h(θ) of the halo relative to the unscattered light, on `angle_rad` (n, even in ln θ).
 
     `density` (n): h, 1/sr. `enclosed` (n): 2π ∫₀^θ h θ'dθ'. `total`: e^{b r (1 − B)} − 1, all of it.
     """
@@ -98,7 +98,7 @@ class HaloSpread:
         return np.where(x < grid[0], below, inside)
 
     def density_at(self, angle_rad: ArrayLike) -> Array:
-        """h at any angles, 1/sr, linear in log-log; beyond the grid that of the last angle, 0 past π/2."""
+        """h at any angles, 1/sr, linear in log-log; beyond the grid the value of the last angle, 0 above π/2."""
         theta = np.asarray(angle_rad, dtype=np.float64)
         safe = np.clip(theta, self.angle_rad[0], self.angle_rad[-1])
         value = np.exp(np.interp(np.log(safe), np.log(self.angle_rad), np.log(np.maximum(self.density, 1e-300))))
@@ -106,23 +106,23 @@ class HaloSpread:
 
 
 def halo_spread(phase: PhaseFunction, optical_length: float) -> HaloSpread:
-    """The halo's point spread after b·r = `optical_length` scattering lengths (both legs: the sum).
+    """Point spread function of the halo after b·r = `optical_length` scattering lengths (for a two-way path the sum).
 
     h(θ) = 2π ∫ [e^{b r Q(q)} − 1] J₀(2πqθ) q dq by the fast Hankel transform on even ln q (Hamilton 2000, as in
-    scipy.fft.fht). Light with θ > π/2 belongs to no small-angle picture and is given to the last ring, so that
+    scipy.fft.fht). The small-angle approximation has no light at θ > π/2: it is assigned to the last ring, so that
     `enclosed` ends at `total`. Raises ValueError for a negative length.
     """
     if not optical_length >= 0.0:
-        raise ValueError(f"a scattering length is not negative: {optical_length!r}")
+        raise ValueError(f"optical_length must be at least 0, not {optical_length!r}")
     return _spread(phase, float(optical_length))
 
 
 def softened_phase(phase: PhaseFunction, optical_length: ArrayLike, turn_rad: ArrayLike) -> Array:
-    """Mean β̃ [1/sr] by which the halo's light turns where straight light would turn by ψ = `turn_rad` (n).
+    """Mean β̃ [1/sr] for light of the halo where unscattered light would be deflected by ψ = `turn_rad` (n).
 
-    Light scattered forward at the fraction t of its way is displaced by ψ't and arrives askew by ψ'(1 − t): t is even in
-    0 … 1, so that the tilt ω has the halo's own distribution h, and β̃ is averaged over h: cosψ → cosψ cosω +
-    sinψ sinω cosα. `optical_length` b·r, one (result: n) or several (m; result: m, n), counts the ways there and back.
+    Light scattered forward at the fraction t of its path is displaced by ψ't and arrives tilted by ψ'(1 − t): t is uniform
+    in 0 … 1, so that the tilt ω has the distribution h of the halo, and β̃ is averaged over h: cosψ → cosψ cosω +
+    sinψ sinω cosα. `optical_length` b·r, one (result: n) or several (m; result: m, n), is that of the two-way path.
     """
     psi = np.asarray(turn_rad, dtype=np.float64)
     length = np.asarray(optical_length, dtype=np.float64)

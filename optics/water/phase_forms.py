@@ -1,6 +1,6 @@
 """Phase functions β̃(ψ) of scattering, 1/sr, normalised to ∫ β̃ dΩ = 1, and their closed-form distributions over angle.
 
-Shapes are plain data; `phase_density` and `phase_cdf` take any of them. ψ is the angle by which light turns, 0 … π.
+Shapes are plain data; `phase_density` and `phase_cdf` take any of them. ψ is the scattering angle, 0 … π.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = [
 class HenyeyGreenstein:
     """β̃ = (1 − g²)/(4π(1 + g² − 2g cosψ)^{3/2}), −1 < g < 1 the mean cosine (Henyey and Greenstein 1941).
 
-    For natural water it is 2-8 times too dark backward when g fits the mean cosine.
+    For natural water it is 2-8 times too low backward when g is fitted to the mean cosine.
     """
 
     g: float
@@ -51,9 +51,9 @@ class FournierForand:
 
     def __post_init__(self) -> None:
         if not 1.0 < self.index < 1.5:
-            raise ValueError(f"the relative index must lie between 1 and 1.5, not {self.index!r}")
+            raise ValueError(f"index must lie between 1 and 1.5, not {self.index!r}")
         if not 3.0 < self.slope < 5.0:
-            raise ValueError(f"the Junge slope must lie between 3 and 5, not {self.slope!r}")
+            raise ValueError(f"slope (of the Junge distribution) must lie between 3 and 5, not {self.slope!r}")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class MolecularPhase:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.depolarisation < 1.0:
-            raise ValueError(f"the depolarisation ratio must lie in 0 … 1, not {self.depolarisation!r}")
+            raise ValueError(f"depolarisation must be at least 0 and below 1, not {self.depolarisation!r}")
 
     @property
     def ratio(self) -> float:
@@ -79,7 +79,7 @@ class MolecularPhase:
 class TabulatedPhase:
     """Values at ascending angles up to π, a power law between neighbours (linear in log-log); scaled to ∫ β̃ dΩ = 1.
 
-    Below the first angle the power law β̃ ∝ ψ^{forward_slope} goes on, forward_slope > −2 so that it can be integrated.
+    Below the first angle β̃ ∝ ψ^{forward_slope}, forward_slope > −2 so that it can be integrated.
     """
 
     angle_rad: tuple[float, ...]
@@ -93,9 +93,9 @@ class TabulatedPhase:
         if not (angle[0] > 0.0 and np.all(np.diff(angle) > 0.0) and abs(angle[-1] - np.pi) < 1e-6):
             raise ValueError("angle_rad must ascend from above 0 to π")
         if not (np.all(value > 0.0) and np.all(np.isfinite(value))):
-            raise ValueError("values of a phase function are positive")
+            raise ValueError("The values of a phase function must be positive.")
         if not self.forward_slope > -2.0:
-            raise ValueError(f"forward_slope must be above -2, not {self.forward_slope!r}: the light would be infinite")
+            raise ValueError(f"forward_slope must be above -2, not {self.forward_slope!r}: the integral would diverge")
 
 
 PhaseFunction = HenyeyGreenstein | FournierForand | MolecularPhase | TabulatedPhase
@@ -120,7 +120,7 @@ def phase_density(phase: PhaseFunction, angle_rad: ArrayLike) -> Array:
 
 
 def phase_cdf(phase: PhaseFunction, angle_rad: ArrayLike) -> Array:
-    """F(ψ) = 2π ∫₀^ψ β̃ sinψ' dψ': the share of scattered light that turns by less than ψ; F(π) = 1."""
+    """F(ψ) = 2π ∫₀^ψ β̃ sinψ' dψ': the share of scattered light deflected by less than ψ; F(π) = 1."""
     psi = np.asarray(angle_rad, dtype=np.float64)
     half = np.sin(0.5 * psi) ** 2
     if isinstance(phase, HenyeyGreenstein):
@@ -151,7 +151,7 @@ def _fournier_forand(phase: FournierForand, psi: Array) -> Array:
         first = nu * (1.0 - delta) - (1.0 - power)
         second = delta * (1.0 - power) - nu * (1.0 - delta)
         plain = (first + second / half) / ((1.0 - delta) ** 2 * power)
-    # Near δ = 1 both brackets cancel to second order: Taylor's series there.
+    # Near δ = 1 both brackets cancel to second order: a Taylor series is used there.
     e = delta - 1.0
     first_series = nu * (nu - 1) * (0.5 + (nu - 2) * e / 6 * (1 + (nu - 3) * e / 4 * (1 + (nu - 4) * e / 5)))
     second_series = -(nu + 1) * nu * (0.5 + (nu - 1) * e / 6 * (1 + (nu - 2) * e / 4 * (1 + (nu - 3) * e / 5)))

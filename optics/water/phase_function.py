@@ -1,4 +1,4 @@
-"""What follows from a phase function: mean cosine, backscatter fraction, quantiles, and the shape for a given fraction."""
+"""Quantities of a phase function: mean cosine, backscatter fraction, quantiles, and the shape for a given fraction."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def phase_from_spec(spec: object) -> PhaseFunction:
 def phase_cells(phase: PhaseFunction, cells: int = 6000, largest_rad: float = np.pi) -> tuple[Array, Array]:
     """A fine histogram of the scattering angle: (middle angles [rad], shares of light), `cells` cells even in ln ψ.
 
-    The first cell begins at ψ = 0 and ends at 1e-9 rad; shares sum to F(largest_rad). Shared: do not write into it.
+    The first cell begins at ψ = 0 and ends at 1e-9 rad; shares sum to F(largest_rad). The arrays are cached: do not
+    modify them.
     """
     edge = np.geomspace(_FINEST_RAD, largest_rad, cells)
     cdf = phase_cdf(phase, edge)
@@ -67,21 +68,21 @@ def asymmetry(phase: PhaseFunction) -> float:
 
 
 def backscatter_fraction(phase: PhaseFunction) -> float:
-    """B = b_b/b = 1 − F(π/2): the share of scattered light that turns by more than a right angle."""
+    """B = b_b/b = 1 − F(π/2): the share of scattered light deflected by more than a right angle."""
     return float(1.0 - phase_cdf(phase, 0.5 * np.pi))
 
 
 def mean_square_angle(phase: PhaseFunction, largest_rad: float = 0.5 * np.pi) -> float:
-    """⟨ψ²⟩ [rad²] of the light that turns by less than `largest_rad`: ∫ψ² dF / F."""
+    """⟨ψ²⟩ [rad²] of the light deflected by less than `largest_rad`: ∫ψ² dF / F."""
     psi, share = phase_cells(phase, largest_rad=largest_rad)
     return float(np.sum(psi**2 * share) / np.sum(share))
 
 
 def phase_quantile(phase: PhaseFunction, share: ArrayLike) -> Array:
-    """ψ [rad] with F(ψ) = share, share in 0 … 1: what a random number turns into when directions are sampled.
+    """ψ [rad] with F(ψ) = share, share in 0 … 1: the inverse distribution from which directions are sampled.
 
-    Closed form for Henyey-Greenstein; else linear in ln ψ between the edges of 6000 cells (relative error of ψ < 1e-5),
-    and below the first edge, 1e-9 rad, all light goes there.
+    Closed form for Henyey-Greenstein; else linear in ln ψ between the edges of 6000 cells (relative error of ψ < 1e-5);
+    the light below the first edge, 1e-9 rad, is placed there.
     """
     u = np.asarray(share, dtype=np.float64)
     if isinstance(phase, HenyeyGreenstein):
@@ -98,7 +99,7 @@ def phase_quantile(phase: PhaseFunction, share: ArrayLike) -> Array:
 
 
 def fournier_forand_of_backscatter(fraction: float) -> FournierForand:
-    """The Fournier-Forand function of backscatter fraction B on the line n = 1.01 + .1542(μ − 3), μ = 3.02 … 4.6.
+    """The Fournier-Forand function with backscatter fraction B on the line n = 1.01 + .1542(μ − 3), μ = 3.02 … 4.6.
 
     The line is that of Mobley, Sundman and Boss (Appl. Opt. 41:1035, 2002); B = .0183 gives n = 1.10, μ = 3.58, their
     fit to Petzold's turbid waters. Raises ValueError outside the B that the line reaches.
@@ -111,6 +112,6 @@ def fournier_forand_of_backscatter(fraction: float) -> FournierForand:
     low, high = 3.02, 4.6
     least, most = backscatter_fraction(shape(low)), backscatter_fraction(shape(high))
     if not least <= fraction <= most:
-        raise ValueError(f"backscatter fractions from {least:.2g} to {most:.2g} are reached, not {fraction!r}")
+        raise ValueError(f"fraction (of backscatter) must lie between {least:.2g} and {most:.2g}, not {fraction!r}")
     root = brentq(lambda mu: backscatter_fraction(shape(mu)) - fraction, low, high, xtol=1e-12)
     return shape(float(root))

@@ -4,7 +4,7 @@ Light pulses travel at c/n_g with the group index n_g = n − λ dn/dλ, here di
 
 Water: Quan and Fry, Applied Optics 34:3477 (1995), fitted for 0-30 °C, 0-35 psu and 400-700 nm at atmospheric
 pressure. Their index is relative to *air*; as in Zhang, Hu and He, Optics Express 17:5698 (2009), it is multiplied by
-the index of standard air to give the absolute index that a time of flight needs (3.7e-4 more). So it agrees with the
+the index of standard air to give the absolute index that a time of flight needs (3.7e-4 more). It then agrees with the
 absolute measurements of Daimon and Masumura, Applied Optics 46:3811 (2007), within 4e-5, and in n_g within 1e-4.
 Air: Ciddor, Applied Optics 35:1566 (1996), dry, 450 ppm CO2, with the BIPM-91 compressibility; −40-100 °C,
 80-120 kPa, 300-1690 nm.

@@ -1,7 +1,8 @@
-"""Light scattered once on its way from a lamp to a camera: the response of a medium to a short pulse, against path.
+"""Light scattered once between lamp and camera: the response of a medium to a short pulse, against path length.
 
 A point lamp of radiant intensity I(θ) (per unit energy, 1/sr) lies at s, a pinhole camera at the origin looks along the
-unit vector d. At range r₂ along d the light has come r₁ = |r₂ d − s| and turns by ψ. Per unit energy the radiance is
+unit vector d. At range r₂ along d the light has travelled r₁ = |r₂ d − s| and is deflected by ψ. The radiance per unit
+energy is
 
     dL/dr₂ = b β̃(ψ) I(θ) e^{−c(r₁ + r₂)}/r₁²    [1/(m³ sr)],     path = r₁ + r₂,
 
@@ -26,7 +27,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RayGeometry:
-    """Points of a camera's ray by path: `camera_range_m` r₂, `lamp_range_m` r₁, `turn_rad` ψ, `range_per_path`
+    """Points of a camera ray by path length: `camera_range_m` r₂, `lamp_range_m` r₁, `turn_rad` ψ, `range_per_path`
     dr₂/d(path), and `beam` (…, 3), the unit direction from the lamp."""
 
     camera_range_m: Array
@@ -37,7 +38,7 @@ class RayGeometry:
 
 
 def ray_geometry(path_m: ArrayLike, direction: ArrayLike, lamp_m: ArrayLike) -> RayGeometry:
-    """The point of a ray at which lamp-point-camera is `path_m` long.
+    """The point of a ray at which the path lamp-point-camera is `path_m` long.
 
     Main arguments:
         path_m: paths, above |s|, of any shape.
@@ -49,7 +50,7 @@ def ray_geometry(path_m: ArrayLike, direction: ArrayLike, lamp_m: ArrayLike) -> 
     d, s = np.asarray(direction, dtype=np.float64), np.asarray(lamp_m, dtype=np.float64)
     base2, along = float(s @ s), float(s @ d)
     if not np.all(path**2 > base2):
-        raise ValueError("a path is longer than the baseline between lamp and camera")
+        raise ValueError("path_m must be longer than the baseline between lamp and camera.")
     gap = path - along
     r2 = 0.5 * (path**2 - base2) / gap
     r1 = path - r2
@@ -71,7 +72,7 @@ def single_scatter_response(
     absorption_per_m: float,
     scattering_per_m: float,
 ) -> Array:
-    """dL/d(path) of one ray per unit of emitted energy, 1/(m³ sr): radiance per metre of path lamp-point-camera.
+    """dL/d(path) of one ray per unit of emitted energy, 1/(m³ sr): radiance per metre of the path lamp-point-camera.
 
     Main arguments:
         path_m, direction, lamp_m: as for `ray_geometry`.

@@ -1,4 +1,4 @@
-"""Many scatterings: how far light has strayed after a path, exactly."""
+"""Multiple scattering: the exact mean square displacement of light after a given path."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["mean_square_distance", "transport_length"]
 
 
 def transport_length(scattering_per_m: float, asymmetry: float) -> float:
-    """ℓ = 1/(b(1 − g)), m: the length over which light forgets its direction; infinite where nothing scatters."""
+    """ℓ = 1/(b(1 − g)), m: the transport mean free path; infinite without scattering."""
     turning = scattering_per_m * (1.0 - asymmetry)
     return float(np.inf) if turning == 0.0 else 1.0 / turning
 
@@ -20,7 +20,7 @@ def mean_square_distance(path_m: ArrayLike, scattering_per_m: float, asymmetry: 
     """⟨R²⟩(s) = 2ℓ²(s/ℓ − 1 + e^{−s/ℓ}), m²: mean square distance from the start after a path s in unbounded medium.
 
     Exact for any phase function of mean cosine g: directions correlate as ⟨d(0)·d(s)⟩ = e^{−s/ℓ}. Tends to s² for
-    short and 2ℓs for long paths. Absorption does not change it (all paths of one length lose alike).
+    short and 2ℓs for long paths. Absorption does not change it (all paths of one length lose the same share).
     """
     s = np.asarray(path_m, dtype=np.float64)
     length = transport_length(scattering_per_m, asymmetry)

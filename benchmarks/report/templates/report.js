@@ -15,7 +15,7 @@ for (const [id, spec] of Object.entries(charts)) {
   });
 }
 
-// Tables: sort by a heading; numbers by their full value, cells without one always last.
+// Tables: sort by a heading; numbers by their full value, cells without a number always last.
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells];
   heads.forEach((head, column) => head.querySelector("button").addEventListener("click", () => {
