@@ -9,14 +9,11 @@ from pathlib import Path
 import pytest
 
 #: Files that a reader is told to create: they must not exist, so that an entry cannot hide a wrong name.
-TO_CREATE = {
-    "estimators/gated/half_sum.py", "optics/reflection/minnaert.py", "generator/bsdf/minnaert.py",
-    "scenes/rigs/echo_sounder.py", "captures/layouts/echo_sounder.py", "generator/echo_sounder/__init__.py",
-    "generator/echo_sounder/model.py", "estimators/echo_sounder/__init__.py", "estimators/echo_sounder/matched.py",
-    "benchmarks/judges/echo_sounder.py",
-}  # fmt: skip
+TO_CREATE = {"estimators/gated/half_sum.py"}
 
 _FILE = re.compile(r"(?<![\w./<>*-])[\w-][\w./-]*\.py\b")
+#: Files whose content a recipe gives: named before the code, or in its first line. Other tests follow the recipes.
+_GIVEN = re.compile(r"(?:`|(?<=```python\n)# )([\w./-]+\.py)(?:`:\n(?=\n```python\n)|\n)")
 _MODULE = re.compile(r"python -m\s+(beambench(?:\.\w+)*)")
 _MAIN = re.compile(r"^if __name__ == \"__main__\":", re.MULTILINE)
 
@@ -29,8 +26,9 @@ def documents(project: Path) -> list[Path]:
 def wrong_names(text: str, project: Path) -> list[str]:
     """Names in a text of files that do not exist, and of modules that do not exist or cannot be run."""
     wrong = []
+    given = TO_CREATE | set(_GIVEN.findall(text))
     for name in _FILE.findall(text):
-        if name not in TO_CREATE and not (project / name).is_file() and not (project / "tests" / name).is_file():
+        if name not in given and not (project / name).is_file() and not (project / "tests" / name).is_file():
             wrong.append(name)
     for name in _MODULE.findall(text):
         found = None
