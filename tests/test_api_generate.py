@@ -121,7 +121,7 @@ def test_a_suite_resumes_with_the_store_that_is_not_complete(suite: Path, tmp_pa
 def test_a_suite_looks_at_all_its_stores_before_it_begins(suite: Path, tmp_path: Path) -> None:
     out = tmp_path / "suite"
     beambench.generate("sphere", overrides=SMALL, out=out / "sphere.zarr")
-    with pytest.raises(InputError, match="the output exists"):
+    with pytest.raises(InputError, match="The output exists"):
         beambench.generate(suite, overrides=SMALL, out=out)
     assert [entry.name for entry in out.iterdir()] == ["sphere.zarr"] and seeds_of(out / "sphere.zarr") == [0]
 
