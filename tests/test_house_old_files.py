@@ -1,0 +1,72 @@
+"""What version 0.1.0 wrote before modalities were records still reads: captures, estimates, suites, run folders.
+
+`files_of_0_1_0.zip` was written by that version's own commands: `generate` (two stores), `estimate`, and `run old.toml`, of
+which captures and drawings are left out.
+"""
+
+from __future__ import annotations
+
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import beambench
+from beambench.benchmarks.report.pictures import read_pictures
+from beambench.benchmarks.scores.score import ACCURACY
+from beambench.benchmarks.scores.tables import read_scores
+from beambench.benchmarks.suites.suite import load_suite
+from beambench.captures import open_captures
+from beambench.captures.validate import validate
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("old")
+    with zipfile.ZipFile(Path(__file__).with_name("files_of_0_1_0.zip")) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["gated", "waveform"])
+def test_captures_read_and_repeat_bit_by_bit(old: Path, tmp_path: Path, name: str) -> None:
+    store = old / f"{name}.zarr"
+    capture = open_captures(store)[0]
+    validate(capture)
+    assert capture.attrs["modality"] == name
+    again = beambench.generate(like=store, out=tmp_path / "again.zarr")
+    assert again.differing == 0
+
+
+def test_estimates_read_and_score(old: Path, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        table = beambench.score(old / "gated.zarr", old / "estimates", out=tmp_path / "scores")
+    (row,) = table.to_dict("records")
+    assert (row["stage"], row["quantity"], row["unit"], row["n"]) == ("range", "range", "m", 48)
+
+
+def test_a_run_folder_has_its_report_and_compares(old: Path) -> None:
+    assert len(read_scores(old / "run")) == 18  # 2 scenes, 3 levels, 3 estimators
+    pictures = read_pictures(old / "run" / "pictures")
+    assert {picture.quantity for picture in pictures} == {"range"} and pictures[0].value.shape == (6, 8)
+    page = beambench.report(old / "run")
+    text = page.read_text(encoding="utf-8")
+    assert "flat-wall" in text and "error, mm" in text
+    changes = beambench.compare(old / "run", old / "run")
+    assert len(changes) and (changes["coverage_change"] == 0).all()
+
+
+def test_a_suite_gives_the_rows_that_it_gave(old: Path, tmp_path: Path) -> None:
+    """The same captures and the same accuracy, bit by bit, as the old version's own run."""
+    assert len(load_suite(old / "old.toml").scenes) == 2
+    beambench.run(str(old / "old.toml"), out=tmp_path / "run")
+    then, now = (read_scores(folder)[list(ACCURACY)] for folder in (old / "run", tmp_path / "run"))
+    assert list(then["estimator"]) == list(now["estimator"])
+    for name in ACCURACY:
+        if then[name].dtype.kind == "f":
+            np.testing.assert_array_equal(then[name].to_numpy(), now[name].to_numpy(), err_msg=name)
+        else:
+            assert list(then[name]) == list(now[name]), name
