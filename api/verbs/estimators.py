@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 __all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train"]
 
 
-
 def estimators_list() -> list[dict[str, Any]]:
     """List the installed estimators, with their parameters and sources.
 
