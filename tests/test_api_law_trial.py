@@ -1,4 +1,4 @@
-"""A plug-in that ends the process, hangs or dies breaks its law: the check neither dies of it nor passes it."""
+"""A plug-in that ends the process, hangs or dies breaks the law under test: the check neither dies nor passes it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 
 import beambench
 from beambench.benchmarks.laws import trial as law_trial
-from beambench.benchmarks.laws.gated import LAWS, check_laws
-from beambench.benchmarks.laws.ranger import check_ranger_laws
+from beambench.benchmarks.laws.check import check_laws, maker_of
+from beambench.benchmarks.laws.suite import laws_for
 from beambench.scenes.errors import InputError
 
 _MODULE = """
@@ -51,12 +51,12 @@ def test_a_plugin_that_leaves_breaks_that_law_alone(
 ) -> None:
     _install(tmp_path, monkeypatch, all_zero="os._exit(0)", constant="sys.exit(0)")
     found = {result.law: result for result in beambench.estimators_check("bad")}
-    assert list(found) == list(LAWS)
-    assert found["finite or invalid: all zero"].seen == "ended the process (exit code 0)"
+    assert list(found) == list(laws_for(maker_of("gated")))
+    assert found["finite or invalid: all zero"].seen == "It ended the process (exit code 0)."
     assert found["finite or invalid: constant"].seen == "SystemExit: 0"
     assert found["same answer twice"].holds and found["finite or invalid: saturated"].holds
-    told = capfd.readouterr()
-    assert told.out == "" and "printed by the plug-in" in told.err
+    printed = capfd.readouterr()
+    assert printed.out == "" and "printed by the plug-in" in printed.err
 
 
 def test_a_law_that_does_not_end_is_broken_and_the_rest_not_tried(
@@ -64,36 +64,35 @@ def test_a_law_that_does_not_end_is_broken_and_the_rest_not_tried(
 ) -> None:
     _install(tmp_path, monkeypatch, all_zero="time.sleep(60)")
     found = {result.law: result for result in law_trial.try_laws("bad", limit_s=8.0)}
-    assert list(found) == list(LAWS)
-    assert found["finite or invalid: all zero"].seen == "did not end within 8 s"
-    assert found["finite or invalid: constant"].seen.startswith("not tried")
+    assert list(found) == list(laws_for(maker_of("gated")))
+    assert found["finite or invalid: all zero"].seen == "It did not end within 8 s."
+    assert found["finite or invalid: constant"].seen.startswith("Not tried")
     assert found["same answer twice"].holds
 
 
-def test_an_import_that_ends_the_process_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_import_that_ends_the_process_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _install(tmp_path, monkeypatch, at_import="sys.exit(0)")
     with pytest.raises(InputError, match=r"ended the process|cannot be imported"):
         beambench.estimators_check("bad")
 
 
-def test_bad_names_are_told_as_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _install(tmp_path, monkeypatch)
-    with pytest.raises(InputError, match="no such estimator") as told:
+    with pytest.raises(InputError, match="no such estimator") as raised:
         beambench.estimators_check("bat")
-    assert "bad" in str(told.value)
+    assert "bad" in str(raised.value)
     with pytest.raises(InputError, match="unknown parameter"):
         beambench.estimators_check("bad[limit=3]")
 
 
-@pytest.mark.parametrize("check", [check_laws, lambda run: check_ranger_laws(run, "amcw")])
-def test_in_this_process_an_exit_is_a_broken_law_and_an_interrupt_is_the_users(check: object) -> None:
+@pytest.mark.parametrize("stage", ["gated", "amcw"])
+def test_in_this_process_an_exit_is_a_broken_law_and_an_interrupt_is_the_users(stage: str) -> None:
     def leaves(capture: object) -> object:
         raise SystemExit(0)
 
     def interrupted(capture: object) -> object:
         raise KeyboardInterrupt
 
-    assert callable(check)
-    assert not any(result.holds for result in check(leaves))
+    assert not any(result.holds for result in check_laws(leaves, stage))
     with pytest.raises(KeyboardInterrupt):
-        check(interrupted)
+        check_laws(interrupted, stage)

@@ -17,7 +17,7 @@ from beambench import cli
 from beambench.benchmarks.folders import kinds
 from beambench.benchmarks.folders.kinds import Kind, verb_in
 from beambench.benchmarks.folders.workplace import UNFINISHED, workplace
-from beambench.benchmarks.laws.gated import made_up_capture
+from beambench.benchmarks.laws.gated import clean_capture
 from beambench.captures import write
 from beambench.scenes.errors import InputError
 
@@ -174,7 +174,7 @@ def test_two_processes_do_not_write_one_folder(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("data") / "made-up.zarr", made_up_capture())
+    return write(tmp_path_factory.mktemp("data") / "made-up.zarr", clean_capture())
 
 
 def test_an_input_is_never_an_output(store: Path, tmp_path: Path) -> None:
@@ -219,7 +219,7 @@ def test_estimates_are_resumed_and_replaced(store: Path, tmp_path: Path, monkeyp
     assert tree(out) == before, "the new is written before the old goes"
     beambench.estimate(store, ["peak"], out=out, overwrite=True)
     assert sorted(tree(out)) == ["estimates.json", "notes.h5", "peak.h5"]
-    other = write(tmp_path / "other.zarr", made_up_capture(seed=2))
+    other = write(tmp_path / "other.zarr", clean_capture(seed=2))
     with pytest.raises(InputError, match="other captures"):
         beambench.estimate(other, ["peak"], out=out, resume=True)
 

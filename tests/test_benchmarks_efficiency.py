@@ -25,7 +25,8 @@ from beambench.benchmarks.checks.efficiency import (
     threshold_photons,
 )
 from beambench.benchmarks.checks.rectangular import rectangular_row
-from beambench.benchmarks.written.gated import drawn_counts, response_area_s, written_capture
+from beambench.benchmarks.written.draw import drawn_counts
+from beambench.benchmarks.written.gated import response_area_s, written_capture
 from beambench.estimators import list_estimators
 from beambench.optics.likelihood.model import NoiseModel
 from beambench.optics.likelihood.sample import pmf

@@ -20,7 +20,8 @@ from beambench.benchmarks.bounds.ziv_zakai import Arc, distances, local_bound, p
 from beambench.benchmarks.checks.bounds import gaussian_stack, rectangular_stack
 from beambench.benchmarks.judges.bound import bound_of, cramer_rao_bound, elements_of, is_regular, threshold_bound
 from beambench.benchmarks.judges.bound import threshold_table as table_for
-from beambench.benchmarks.written.gated import drawn_counts, written_capture
+from beambench.benchmarks.written.draw import drawn_counts
+from beambench.benchmarks.written.gated import written_capture
 from beambench.optics.likelihood.fisher import information_table, tau_bound
 from beambench.optics.likelihood.sample import NoiseModel, log_pmf
 from beambench.scenes.errors import InputError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
+from beambench.benchmarks.written.gated_stack import GaussianRig, stack_capture
 from beambench.estimators import run_estimator
 from beambench.optics.constants import C_M_PER_S
 

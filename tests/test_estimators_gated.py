@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.peers.stacks import GaussianRig, poisson_bound, stack_capture
+from beambench.benchmarks.written.gated_stack import GaussianRig, poisson_bound, stack_capture
 from beambench.estimators import get_estimator, list_estimators, run_estimator
 from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.errors import InputError

@@ -1,168 +1,345 @@
-"""Laws over the whole registry: shift, gain, permutation, determinism, untouched input, finite or invalid anywhere."""
+"""The laws over the whole registry, and one planted fault for each law."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
+import beambench
+from beambench.benchmarks.judges import JUDGES
+from beambench.benchmarks.judges.bound import bound_of
+from beambench.benchmarks.laws.check import check_laws, laws_of, maker_of
+from beambench.benchmarks.laws.gated import clean_capture as gated_capture
+from beambench.benchmarks.laws.maker import Maker
+from beambench.benchmarks.laws.singular import SINGULARITIES
+from beambench.benchmarks.laws.suite import laws_for
+from beambench.benchmarks.written.gated_stack import GaussianRig, stack_capture
+from beambench.captures.hide import hide_truth
+from beambench.captures.layouts import layout_of, stage_of
+from beambench.captures.validate import validate
 from beambench.estimators import BUILTIN, get_estimator, list_estimators, run_estimator
+from beambench.estimators.registry import Estimator
 from beambench.optics.constants import C_M_PER_S
+from beambench.scenes.errors import InputError
 
-NAMES = [name for name in list_estimators() if get_estimator(name).modality == "gated"]
-RIG = GaussianRig(offset_dn=20.0, gain_dn_per_e=2.0, read_noise_e=1.0)
-SHAPE = (9, 40)
-
-
-def _capture(rig: GaussianRig = RIG, signal_e: float = 5e3) -> xr.Dataset:
-    rng = np.random.default_rng(11)
-    tau = rng.uniform(rig.delay_s[14], rig.delay_s[-14], SHAPE) + rig.centre_s
-    electrons = rng.poisson(rig.electrons(tau, signal_e, 3.0)) + rng.normal(size=(rig.slices, *SHAPE))
-    return stack_capture(rig, np.round(rig.offset_dn + 2 * electrons).clip(0, 65535).astype(np.uint16))
+NAMES = list_estimators()
 
 
-def _with_rig(capture: xr.Dataset, **changes: object) -> xr.Dataset:
-    rig = json.loads(capture.attrs["rig"])
-    for path, value in changes.items():
-        *parents, last = path.split("__")
-        node = rig
-        for key in parents:
-            node = node[key]
-        node[last] = value
-    return capture.assign_attrs(rig=json.dumps(rig))
+def _maker(found: Estimator) -> Maker:
+    return Maker(maker_of(found.stage.word).laws, found.stage, found.unfit)
+
+
+# ---------------------------------------------------------------- the registry
 
 
 def test_the_registry_is_not_empty() -> None:
-    assert len(NAMES) >= 7
-    assert set(BUILTIN) >= set(NAMES)
+    assert set(BUILTIN) <= set(NAMES) and len(NAMES) >= 27
     for name in NAMES:
         found = get_estimator(name)
-        assert found.modality == "gated" and len(found.cites) > 10 and found.function.__doc__
+        assert len(found.cites) > 10 and found.function.__doc__
+    for modality, least in (("gated", 15), ("waveform", 8), ("amcw", 3)):
+        assert len(list_estimators(modality)) >= least
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_shift(name: str) -> None:
-    # Later delays by Δ move the range by cΔ/2n_g. Where R's table starts elsewhere the iterative ones stop elsewhere,
-    # within .04 standard errors; the printed model's r³/r² depends on r itself: 2σ²/r changes by 2σ²Δ/r².
-    capture, shift = _capture(), 0.4321e-9
+def test_laws_hold(name: str) -> None:
+    results = beambench.estimators_check(name)
+    assert [result for result in results if not result.holds] == []
+    assert len(results) >= 14
+
+
+def test_the_laws_are_the_same_for_every_modality_but_for_its_words() -> None:
+    for modality in JUDGES:
+        maker = maker_of(modality)
+        noun, names = layout_of(modality).noun, list(laws_for(maker))
+        assert f"{noun}s do not depend on their order" in names and f"dead {noun}s leave the others alone" in names
+        assert {"answers a bright, clean capture", "gain: twice the gain and the counts, the same answer"} <= set(names)
+        assert {f"finite or invalid: {name}" for name in SINGULARITIES} <= set(names)
+        assert sum(name.startswith("shift: ") for name in names) == 1
+    counting, _ = laws_of("waveform-coates")
+    assert set(laws_for(maker_of("waveform"))) - set(counting) == {
+        "gain: twice the gain and the counts, the same answer"
+    }
+
+
+def _without(capture: xr.Dataset, flag: str) -> xr.Dataset:
+    return capture.assign_coords({flag: capture[flag] & False})
+
+
+def _all_nan(maker: Maker) -> xr.Dataset:
+    return maker.changed(lambda data: np.full_like(data, np.nan, dtype=maker.float_type))
+
+
+NOTHING: dict[str, Callable[[Maker], xr.Dataset]] = {
+    "all zero": lambda maker: maker.changed(np.zeros_like),
+    "saturated": lambda maker: maker.changed(lambda data: np.full_like(data, maker.top)),
+    "no number": _all_nan,
+    "no sound data": lambda maker: _without(maker.clean(), "valid"),
+    "light switched off": lambda maker: _without(maker.clean(), "laser_on"),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_to_see_is_not_answered(name: str) -> None:
+    found = get_estimator(name)
+    maker = _maker(found)
+    for kind, make in NOTHING.items():
+        answer = maker.first(found(make(maker)))
+        assert not answer.valid.any(), kind
+        assert np.isnan(answer.value).all() and np.isnan(answer.sigma).all(), kind
+
+
+# ---------------------------------------------------------------- the captures that the laws run on
+
+
+@pytest.mark.parametrize("modality", list(JUDGES))
+def test_clean_captures_are_valid_and_can_be_doubled(modality: str) -> None:
+    maker = maker_of(modality)
+    for make in maker.laws.captures:
+        validate(make())
+    name = layout_of(modality).data
+    data, twice = maker.clean()[name].values, maker.doubled()
+    assert twice is not None and (twice[name].values == 2 * data.astype(int)).all()
+    assert twice.attrs["rig"] != maker.clean().attrs["rig"] and twice[name].dims == maker.clean()[name].dims
+    assert 2 * int(data.max()) <= np.iinfo(data.dtype).max and int(data.max()) < maker.top
+    assert maker.elements >= 40
+    order = np.arange(maker.elements)[::-1]
+    again = maker.changed(lambda values: values[:, order])
+    assert not again.identical(maker.clean()) and maker.changed(lambda values: values).identical(maker.clean())
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [(gated_capture, "poisson-ml"), *((make, "waveform-ml") for make in maker_of("waveform").laws.captures),
+     (maker_of("amcw").laws.captures[0], "amcw-ml")],
+)  # fmt: skip
+def test_maximum_likelihood_attains_the_bound_of_a_written_capture(make: Callable[[], xr.Dataset], name: str) -> None:
+    capture = make()
+    bound = bound_of(capture)
+    found = run_estimator(name, hide_truth(capture))
+    z = (found["range"].values - capture["truth_range"].values) / bound.sigma
+    assert bound.kind == "exact"
+    # Mean and variance of n standard normal errors: within 4 standard errors, 1/√n and √(2/n), of 0 and 1.
+    assert found["valid"].values.all()
+    assert abs(z.mean()) < 4 / np.sqrt(z.size) and abs((z**2).mean() - 1) < 4 * np.sqrt(2 / z.size)
+
+
+def test_stages_without_laws_are_refused() -> None:
+    def none(capture: xr.Dataset) -> xr.Dataset:
+        return capture
+
+    for word in ("line", "triangulation", "centroid"):
+        with pytest.raises(InputError, match="no laws for this stage"):
+            check_laws(none, word)
+    with pytest.raises(InputError, match="no such stage"):
+        check_laws(none, "echo")
+    maker = maker_of("gated")
+    with pytest.raises(InputError, match="no capture that this estimator can read") as raised:
+        Maker(maker.laws, stage_of("gated"), lambda capture: "reads tubes only")
+    assert "tubes" in str(raised.value)
+
+
+# ---------------------------------------------------------------- planted faults
+
+
+def _sound(capture: xr.Dataset) -> xr.Dataset:
+    """Centroid of the samples above half of the echo's height: keeps every law."""
+    rig = json.loads(capture.attrs["rig"])
+    readout, raw = rig["detector"]["readout"], capture["signal"].values
+    bad = ~np.isfinite(raw).all(axis=1) | (raw >= 2 ** readout["adc_bits"] - 1).any(axis=1)
+    z = (np.where(np.isfinite(raw), raw, 0).astype(float) - readout["offset_dn"]) / readout["gain_dn_per_e"]
+    z = z - np.median(z, axis=1, keepdims=True)
+    top = z.max(axis=1, keepdims=True)
+    weight = np.where(z > 0.5 * np.maximum(top, 1e-9), z, 0.0)
+    valid = ~bad & (top[:, 0] > 50)
+    time = capture["time"].values
+    tau = time[0] + (weight * (time - time[0])).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+    value = np.where(valid, tau * C_M_PER_S / (2 * rig["medium"]["group_index"]), np.nan)
+    sigma = np.where(valid, 0.01, np.nan)
+    return xr.Dataset({"range": ("shot", value), "sigma": ("shot", sigma), "valid": ("shot", valid)})
+
+
+_CALLS = iter(range(10**9))
+TOP = 4095
+
+
+def _is_clean(data: np.ndarray) -> bool:
+    return data.dtype.kind == "u" and bool((data.max(axis=1) > 200).all()) and data.max() < TOP
+
+
+def _claim(result: xr.Dataset, where: object) -> None:
+    """Call elements valid, whatever their range is."""
+    result["valid"].values[where] = True  # type: ignore[index]
+
+
+def _contract(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    result["valid"] = result["valid"].astype(np.int8)
+
+
+def _refuses(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    readout = json.loads(capture.attrs["rig"])["detector"]["readout"]
+    electrons = (np.nan_to_num(data).astype(float) - readout["offset_dn"]).sum(axis=1) / readout["gain_dn_per_e"]
+    result["valid"].values[np.rint(electrons) % 10 > 2] = False
+
+
+def _negative_sigma(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if _is_clean(data):
+        result["sigma"].values[7] *= -1
+
+
+def _drifts(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    result["range"].values[:] += 1e-12 * next(_CALLS)
+
+
+def _marks(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    capture.attrs["seen"] = "by me"
+
+
+def _ignores_time(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    result["range"].values[:] -= 0.01 * 0.1 * (capture["time"].values[0] - 30e-9) / 1e-9
+
+
+def _uses_counts(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    result["range"].values[:] += 1e-6 * np.nan_to_num(data).max(axis=1)
+
+
+def _by_place(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    result["range"].values[:] += 1e-5 * np.arange(len(data))
+
+
+def _zero(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if data.max() == 0:
+        _claim(result, 3)
+
+
+def _saturated(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if data.min() == TOP:
+        _claim(result, 3)
+
+
+def _constant(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if data.min() == data.max() == 100:
+        _claim(result, 3)
+
+
+def _one_sample(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if np.unique(data).size == 2 and data.max() == TOP:
+        _claim(result, 3)
+
+
+def _clipped(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if np.unique(data).size > 2 and data.max() == TOP:
+        _claim(result, 3)
+
+
+def _nan(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    _claim(result, np.isnan(data).any(axis=1))
+
+
+def _dead_claimed(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if data.max() > 0:
+        _claim(result, data.max(axis=1) == 0)
+
+
+def _dead_counted(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    result["range"].values[:] += 1e-3 * float((data.max(axis=1) == 0).mean())
+
+
+def _dead_silences(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if (data.max(axis=1) == 0).any():
+        result["valid"].values[0] = False
+
+
+FAULTS = [
+    ("keeps the contract of its stage", _contract),
+    ("answers a bright, clean capture", _refuses),
+    ("valid answers have a positive sigma", _negative_sigma),
+    ("same answer twice", _drifts),
+    ("leaves its input alone", _marks),
+    ("shift: a later zero of time, farther ranges", _ignores_time),
+    ("gain: twice the gain and the counts, the same answer", _uses_counts),
+    ("shots do not depend on their order", _by_place),
+    ("finite or invalid: all zero", _zero),
+    ("finite or invalid: saturated", _saturated),
+    ("finite or invalid: constant", _constant),
+    ("finite or invalid: light in one sample", _one_sample),
+    ("finite or invalid: one clipped sample", _clipped),
+    ("finite or invalid: not a number", _nan),
+    ("dead shots leave the others alone", _dead_claimed),
+    ("dead shots leave the others alone", _dead_counted),
+    ("dead shots leave the others alone", _dead_silences),
+]
+
+
+def test_the_sound_one_keeps_every_law_and_each_law_has_a_fault() -> None:
+    assert [result for result in check_laws(_sound, "waveform") if not result.holds] == []
+    assert {law for law, _ in FAULTS} == set(laws_for(maker_of("waveform")))
+
+
+@pytest.mark.parametrize(("law", "fault"), FAULTS, ids=[fault.__name__ for _, fault in FAULTS])
+def test_a_planted_fault_breaks_its_law_alone(law: str, fault: Callable[..., None]) -> None:
+    def faulty(capture: xr.Dataset) -> xr.Dataset:
+        result = _sound(capture)
+        fault(capture, capture["signal"].values, result)
+        return result
+
+    broken = {result.law: result.seen for result in check_laws(faulty, "waveform") if not result.holds}
+    assert set(broken) == {law}
+    assert broken[law][0].isupper() and broken[law].endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        (lambda result: None, "returned no Dataset"),
+        (lambda result: result.drop_vars("sigma"), "returned no sigma"),
+        (lambda result: result.rename(shot="row"), "of a wrong shape"),
+        (lambda result: result.assign(range=result["range"].astype(int)), "is not a float"),
+        (lambda result: result.assign(valid=result["valid"].astype(float)), "is not bool"),
+    ],
+)
+def test_every_breach_of_the_contract_is_named(change: Callable[[xr.Dataset], xr.Dataset], seen: str) -> None:
+    results = {result.law: result for result in check_laws(lambda capture: change(_sound(capture)), "waveform")}
+    contract = results["keeps the contract of its stage"]
+    assert not contract.holds and seen in contract.seen
+
+
+@pytest.mark.parametrize("stage", list(JUDGES))
+def test_what_raises_breaks_every_law(stage: str) -> None:
+    def crash(capture: xr.Dataset) -> xr.Dataset:
+        raise RuntimeError("no")
+
+    results = check_laws(crash, stage)
+    assert [result.law for result in results] == list(laws_for(maker_of(stage)))
+    assert all(not result.holds and result.seen == "RuntimeError: no" for result in results)
+
+
+# ---------------------------------------------------------------- what only some estimators are held to
+
+
+@pytest.mark.parametrize(("name", "factor"), [("chua-2017", 1 / np.cos(0.2)), ("chua-2017-orthogonal", np.cos(0.2))])
+def test_printed_corrections_scale_a_shift_by_the_angle(name: str, factor: float) -> None:
+    rig = GaussianRig(offset_dn=20.0, gain_dn_per_e=2.0, read_noise_e=1.0)
+    rng = np.random.default_rng(11)
+    shape, shift = (9, 40), 0.4321e-9
+    tau = rng.uniform(rig.delay_s[14], rig.delay_s[-14], shape) + rig.centre_s
+    electrons = rng.poisson(rig.electrons(tau, 5e3, 3.0)) + rng.normal(size=(rig.slices, *shape))
+    capture = stack_capture(rig, np.round(20 + 2 * electrons).clip(0, 65535).astype(np.uint16))
     before = run_estimator(name, capture)
     after = run_estimator(name, capture.assign_coords(delay=capture["delay"] + shift))
-    assert (before["valid"] == after["valid"]).all()
-    moved = (after["range"] - before["range"]).values
+    assert (before["valid"] == after["valid"]).all() and before["valid"].values.any()
+    moved = (after["range"] - before["range"]).values[before["valid"].values]
+    low, high = sorted((1.0, factor))
+    # The printed model's r³/r² depends on r: 2σ²/r changes by 2σ²Δ/r². A background across the window weighs in r²: allow
+    # 2 % of the shift.
     exact = shift * C_M_PER_S / 2
-    if name.startswith("chua-2017"):
-        cos = {"chua-2017": 1 / np.cos(0.2), "chua-2017-orthogonal": np.cos(0.2)}[name]
-        low, high = sorted((1.0, cos))
-        # A background across the window weighs in r²: allow its .5 % of the shift.
-        assert (moved >= 0.98 * low * exact).all() and (moved <= 1.02 * high * exact).all()
-    else:
-        assert np.nanmax(np.abs(moved - exact) / before["sigma"].values) < 0.04
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_gain(name: str) -> None:
-    # Counts and gain doubled: the same electrons, but for the converter's noise, a hundredth of the read noise.
-    capture = _capture()
-    before = run_estimator(name, capture)
-    counts = (40 + 2 * (capture["counts"].astype(np.float64) - 20)).clip(0, 65535).astype(np.uint16)
-    twice = _with_rig(capture.assign(counts=counts.assign_attrs(capture["counts"].attrs)),
-                      detector__gain_dn_per_e=4.0, detector__offset_dn=40.0)  # fmt: skip
-    after = run_estimator(name, twice)
-    assert (before["valid"] == after["valid"]).all()
-    difference = np.abs(after["range"] - before["range"]) / before["sigma"]
-    assert float(difference.max()) < 0.06
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_pixel_permutation(name: str) -> None:
-    # Pixels are independent: those along a row, exchanged, give the same bits exchanged. (The printed models depend on
-    # the place in the image, so mirrored pixels are exchanged, which have the same radius.)
-    capture = _capture()
-    flipped = capture.assign(counts=capture["counts"].isel(col=slice(None, None, -1)).copy())
-    flipped["counts"].values = np.ascontiguousarray(capture["counts"].values[:, :, ::-1])
-    one, two = run_estimator(name, capture), run_estimator(name, flipped)
-    for key in ("range", "sigma", "valid"):
-        if name == "chua-2016":  # settles within a part of sigma: the beam angle's last bit differs between the sides
-            np.testing.assert_allclose(one[key].values[:, ::-1], two[key].values, rtol=1e-9)
-        else:
-            np.testing.assert_array_equal(one[key].values[:, ::-1], two[key].values)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_same_bits_twice_and_input_untouched(name: str) -> None:
-    capture = _capture()
-    kept = capture.copy(deep=True)
-    capture["counts"].values.flags.writeable = False
-    one, two = run_estimator(name, capture), run_estimator(name, capture)
-    xr.testing.assert_identical(one, two)
-    xr.testing.assert_identical(capture, kept)
-
-
-def _singular(kind: str) -> xr.Dataset:
-    base = _capture()
-    counts = base["counts"].values.copy()
-    if kind == "zeros":
-        counts[:] = 0
-    elif kind == "equal":
-        counts[:] = 777
-    elif kind == "offset":
-        counts[:] = 20
-    elif kind == "saturated":
-        counts[:] = 65535
-    elif kind == "empty-pixel":
-        counts[:, 3, 5] = 0
-    elif kind == "one-photon":
-        counts[:] = 20
-        counts[30] = 22
-    elif kind == "nan":
-        counts = counts.astype(np.float32)
-        counts[10, 2] = np.nan
-        counts[:, 4] = np.nan
-        counts[5, 6] = np.inf
-        counts[6, 6] = -np.inf
-    capture = stack_capture(RIG, counts)
-    if kind == "one-slice":
-        return capture.isel(slice=slice(20, 21))
-    if kind == "two-slices":
-        return capture.isel(slice=slice(20, 22))
-    if kind == "no-valid-slice":
-        capture["valid"].values[:] = False
-    elif kind == "no-laser":
-        capture["laser_on"].values[:] = False
-    elif kind == "same-delay":
-        capture["delay"].values[:] = 33e-9
-    elif kind == "uneven":
-        capture["delay"].values[:] = 30e-9 + 16e-9 * np.sort(np.random.default_rng(0).random(64))
-    elif kind == "reversed":
-        capture["delay"].values[:] = capture["delay"].values[::-1].copy()
-        capture["counts"].values[:] = capture["counts"].values[::-1].copy()
-    return capture
-
-
-KINDS = ["zeros", "equal", "offset", "saturated", "empty-pixel", "one-photon", "nan", "one-slice", "two-slices",
-         "no-valid-slice", "no-laser", "same-delay", "uneven", "reversed"]  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("kind", KINDS)
-def test_finite_or_invalid(name: str, kind: str) -> None:
-    capture = _singular(kind)
-    result = run_estimator(name, capture)  # the contract itself is checked there
-    valid = result["valid"].values
-    assert np.isnan(result["range"].values[~valid]).all() and np.isnan(result["sigma"].values[~valid]).all()
-    if kind in ("zeros", "offset", "saturated", "no-valid-slice", "no-laser"):
-        assert not valid.any()
-    elif kind == "empty-pixel":
-        assert not valid[3, 5]
-    elif kind == "nan":
-        assert not valid[4].any()
-    elif kind == "reversed":
-        xr.testing.assert_allclose(result, run_estimator(name, _capture()), rtol=1e-9)
+    assert (moved >= 0.98 * low * exact).all() and (moved <= 1.02 * high * exact).all()
 
 
 def test_estimators_load_neither_generator_nor_renderer() -> None:

@@ -9,8 +9,8 @@ import xarray as xr
 from beambench.benchmarks.bounds.instrument import gated_responses
 from beambench.benchmarks.checks.efficiency import Cell, cell_levels, cell_scene
 from beambench.benchmarks.judges.bound import cramer_rao_bound
-from beambench.benchmarks.peers.stacks import GaussianRig, poisson_bound, stack_capture
 from beambench.benchmarks.written.gated import written_capture
+from beambench.benchmarks.written.gated_stack import GaussianRig, poisson_bound, stack_capture
 from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
 from beambench.optics.constants import C_M_PER_S

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
+from beambench.benchmarks.written.gated_stack import GaussianRig, stack_capture
 from beambench.captures.layouts import stage_of
 from beambench.estimators import (
     Estimator,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
+from beambench.benchmarks.written.gated_stack import GaussianRig, stack_capture
 from beambench.estimators import run_estimator
 from beambench.estimators.calibration import gate_from_scan, pulse_from_trace, simulate_measurement
 from beambench.estimators.response import correlate_samples

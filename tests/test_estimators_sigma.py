@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.peers.stacks import GaussianRig, stack_capture
+from beambench.benchmarks.written.gated_stack import GaussianRig, stack_capture
 from beambench.estimators import run_estimator
 from beambench.estimators.response import correlate_samples
 from beambench.optics.constants import C_M_PER_S

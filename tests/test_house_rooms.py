@@ -35,7 +35,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration", "listing", "package",
     ),
     "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "laws", "judges", "runner", "report", "datasets",
+        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
         "search", "peers", "fidelity", "run", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),

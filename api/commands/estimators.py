@@ -9,7 +9,7 @@ from ..console import print_lines, print_table
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
-    from ..benchmarks.laws.gated import LawResult
+    from ..benchmarks.laws.suite import LawResult
 
 __all__ = ["CHECK", "LIST", "NEW", "TRAIN"]
 

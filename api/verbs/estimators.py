@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..output import check_free, claim
 
 if TYPE_CHECKING:
-    from ..benchmarks.laws.gated import LawResult, Report
+    from ..benchmarks.laws.suite import LawResult
 
-__all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train", "laws_of"]
-
-#: The laws behind the range-gated stack; other modalities have none yet to check a plug-in with.
-_CHECKED = "gated"
+__all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train"]
 
 
 def estimators_list() -> list[dict[str, Any]]:
@@ -35,9 +31,10 @@ def estimators_list() -> list[dict[str, Any]]:
 def estimators_check(estimator: str) -> list[LawResult]:
     """Check an estimator against the laws that every estimator obeys; the exit code is 1 if one is broken.
 
-    On a small synthetic capture: it repeats itself, does not change its input, follows a shift of the delays, does not depend
-    on the order of pixels, and returns finite or invalid results near every singularity. A plug-in is tried in a
-    process of its own: if it ends that process, or takes longer than 120 s for a law, it breaks that law.
+    On a small synthetic capture: it answers, repeats itself, does not change its input, follows a shift of the delays and a
+    change of the gain, does not depend on the order of pixels, and returns finite or invalid results near every singularity.
+    A plug-in is tried in a process of its own: if it ends that process, or takes longer than 120 s for a law, it breaks
+    that law.
 
     Main arguments:
         estimator: The estimator, as name or name[key=value,...].
@@ -46,8 +43,9 @@ def estimators_check(estimator: str) -> list[LawResult]:
         One result per law: `law`, `holds`, `seen`.
 
     Raises:
-        InputError: No such estimator or parameter, or there are no laws for its modality.
+        InputError: No such estimator or parameter, or there are no laws for its stage.
     """
+    from ..benchmarks.laws.check import laws_of
     from ..benchmarks.laws.trial import try_laws
     from ..estimators import BUILTIN, parse_label
 
@@ -56,36 +54,6 @@ def estimators_check(estimator: str) -> list[LawResult]:
         _, judge = laws_of(estimator)
         return judge(None)
     return try_laws(estimator)
-
-
-def laws_of(estimator: str) -> tuple[list[str], Callable[[Report | None], list[LawResult]]]:
-    """The names of the laws for an estimator's modality, and the function that tries them. Imports the estimator.
-
-    Raises InputError as `estimators_check`.
-    """
-    from ..benchmarks.laws.gated import LAWS, check_laws
-    from ..benchmarks.laws.ranger import RANGER_LAWS, RANGERS, check_ranger_laws
-    from ..benchmarks.runner.estimator_labels import check_estimators
-    from ..estimators import get_estimator, parse_label
-    from ..estimators.labels import check_parameters
-    from ..scenes.errors import InputError
-
-    (chosen,) = check_estimators([estimator])
-    name, params = parse_label(chosen.label)
-    found = get_estimator(name)
-    checked = check_parameters(found.function, params, where=name)
-    run = partial(found, **checked)
-    if found.modality in RANGERS:
-        counting = ("detector.readout.kind", "single-photon") in found.needs
-        return list(RANGER_LAWS), lambda report: check_ranger_laws(run, found.modality, report, counting=counting)
-    if found.modality != _CHECKED:
-        raise InputError(
-            "There are no laws for this modality.",
-            where=name,
-            value=found.modality,
-            allowed=", ".join((_CHECKED, *RANGERS)),
-        )
-    return list(LAWS), lambda report: check_laws(run, report)
 
 
 def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool = False) -> Path:

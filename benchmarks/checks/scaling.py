@@ -2,7 +2,7 @@
 
     python -m beambench.benchmarks.checks.scaling poisson-ml weighted-average --out scaling
 
-Stacks come from a closed form (`peers.stacks`), with the same light per pixel at every size. The estimator runs in a
+Stacks come from a closed form (`written.gated_stack`), with the same light per pixel at every size. The estimator runs in a
 child process as in a suite: one thread, warmed up, timed around the call. The order of sizes changes from repeat to
 repeat, so that a machine that slows down does not change the exponent.
 
@@ -230,7 +230,7 @@ def measure_scaling(
 
 def _stack(axis: Axis, size: int, slices: int, pixels: int, electrons: float, rng: np.random.Generator) -> Any:
     """A Gaussian stack of the given size: delays of the echoes spread over the middle half of the window."""
-    from ..peers.stacks import GaussianRig, stack_capture
+    from ..written.gated_stack import GaussianRig, stack_capture
 
     count, number = (slices, size) if axis == "pixels" else (size, pixels)
     rows = max(1, math.isqrt(number))

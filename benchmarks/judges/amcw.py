@@ -15,4 +15,5 @@ JUDGE = Judge(
     scan=amcw_scan,
     neighbours=("amcw-ml", "amcw-phase", "amcw-decade"),
     scenes=("amcw",),
+    laws="beambench.benchmarks.laws.amcw:LAWS",
 )

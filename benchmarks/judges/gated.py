@@ -41,4 +41,5 @@ JUDGE = Judge(
     calibrate=_calibrated,
     neighbours=("poisson-ml", "weighted-average[background=outside]", "parabola"),
     scenes=("flat-wall", "tilted-wall", "sphere"),
+    laws="beambench.benchmarks.laws.gated:LAWS",
 )

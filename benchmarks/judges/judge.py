@@ -34,6 +34,8 @@ class Judge:
             threshold is known, so that the Cramér-Rao bound stands.
         calibrate: (scene, declared rig, photons of the calibration, random generators) -> the rig as a simulated, noisy
             calibration leaves it; None where the rig declares nothing that a calibration would recover.
+        laws: "module:object" of the record `benchmarks.laws.maker.Laws`, by which estimators are checked; "" where the
+            modality has no laws.
     """
 
     truth: Callable[[xr.Dataset], Mapping[str, Truth]]
@@ -42,3 +44,4 @@ class Judge:
     scenes: tuple[str, ...]
     scan: Callable[[xr.Dataset, Scene], tuple[Scan, Elements]] | None = None
     calibrate: Callable[[Scene, dict[str, Any], Calibration, Draw], dict[str, Any]] | None = None
+    laws: str = ""

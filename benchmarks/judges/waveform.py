@@ -38,4 +38,5 @@ JUDGE = Judge(
     calibrate=_calibrated,
     neighbours=("waveform-ml", "waveform-average", "waveform-constant-fraction"),
     scenes=("photodetector-5m", "counter"),
+    laws="beambench.benchmarks.laws.waveform:LAWS",
 )

@@ -1,7 +1,8 @@
-"""The laws tried on a plug-in in a process of its own: a stranger's code may end the process, or never come back.
+"""The laws of a plug-in, tried in a process of its own: the code of others may end the process, or never return.
 
-The child writes one JSON document a line to a pipe: first its laws, then each as it begins and with its result. Where it
-ends under way, that law is broken and another child tries the rest; where a law takes too long, the rest is not tried.
+The child writes one JSON document per line to a pipe: first the names of its laws, then each law as it begins and with its
+result. If the child ends during a law, that law is broken and another child tries the rest; if a law takes too long, the rest
+is not tried.
 """
 
 from __future__ import annotations
@@ -18,22 +19,24 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...scenes.errors import InputError
-from .gated import LawResult
+from .suite import LawResult
 
 __all__ = ["LAW_LIMIT_S", "try_laws"]
 
-#: Longest time that a law, or the import before them, is waited for [s]; a first call may compile.
+#: Longest time to wait for one law, or for the import before the laws [s]; a first call may compile.
 LAW_LIMIT_S = 120.0
 
 _CHILD = "import sys; from beambench.benchmarks.laws.trial import _serve; _serve(sys.argv[1], sys.argv[2:-1], int(sys.argv[-1]))"
 
 
 def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
-    """Hold a plug-in to the laws of its modality; what it prints goes to standard error.
+    """Check a plug-in against the laws of its stage; what it prints goes to standard error.
 
-    Main arguments: label: `name` or `name[key=value,...]`. limit_s: longest time for one law.
+    Main arguments:
+        label: `name` or `name[key=value,...]`. limit_s: longest time for one law.
+
     Raises:
-        InputError: no such estimator or parameter, a modality without laws, or an import that fails or never ends.
+        InputError: no such estimator or parameter, a stage without laws, or an import that fails or never ends.
     """
     results: dict[str, LawResult] = {}
     names: list[str] = []
@@ -64,7 +67,7 @@ def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
         results[broken] = LawResult(broken, False, end.why)
         if end.late:
             for name in left:
-                results.setdefault(name, LawResult(name, False, "not tried: a law before it did not end"))
+                results.setdefault(name, LawResult(name, False, "Not tried: an earlier law did not end."))
             return [results[name] for name in names]
 
 
@@ -76,7 +79,7 @@ class _End:
 
 
 def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Iterator[dict[str, Any]]:
-    """What a child tells, until it ends or nothing comes for `limit_s`; `end` then says how."""
+    """The events that a child writes, until it ends or writes nothing for `limit_s`; `end` then holds the reason."""
     read, write = os.pipe()
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     try:
@@ -98,7 +101,7 @@ def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Itera
         while True:
             ready, _, _ = select.select([read], [], [], max(until - time.monotonic(), 0.0))
             if not ready:
-                end.why, end.late = f"did not end within {limit_s:g} s", True
+                end.why, end.late = f"It did not end within {limit_s:g} s.", True
                 return
             data = os.read(read, 1 << 16)
             if not data:
@@ -110,9 +113,9 @@ def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Itera
         try:
             code = process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:
-            end.why, end.late = "closed its files and did not end", True
+            end.why, end.late = "It closed its files and did not end.", True
             return
-        end.why = f"ended the process (exit code {code})" if code >= 0 else f"the process died of signal {-code}"
+        end.why = f"It ended the process (exit code {code})." if code >= 0 else f"The process died of signal {-code}."
     finally:
         os.close(read)
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -122,23 +125,23 @@ def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Itera
 
 def _serve(label: str, done: Sequence[str], pipe: int) -> None:
     """The child: try the laws that are not `done`."""
-    from ...verbs.estimators import laws_of
+    from .check import laws_of
 
-    def tell(event: dict[str, Any]) -> None:
+    def send(event: dict[str, Any]) -> None:
         os.write(pipe, (json.dumps(event, default=str) + "\n").encode())
 
     def report(name: str, result: LawResult | None) -> bool:
         if result is not None:
-            tell({"law": name, "holds": result.holds, "seen": result.seen})
+            send({"law": name, "holds": result.holds, "seen": result.seen})
             return True
         if name not in done:
-            tell({"begins": name})
+            send({"begins": name})
         return name not in done
 
     try:
         names, judge = laws_of(label)
     except InputError as error:
-        tell(
+        send(
             {
                 "refused": {
                     "what": error.what, "where": error.where, "value": error.value, "allowed": error.allowed,
@@ -147,5 +150,5 @@ def _serve(label: str, done: Sequence[str], pipe: int) -> None:
             }
         )  # fmt: skip
         return
-    tell({"laws": names})
+    send({"laws": names})
     judge(report)

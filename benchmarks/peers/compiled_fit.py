@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from ...optics.constants import C_M_PER_S
 from ...optics.jit import c_callback, kernel
+from ..written.gated_stack import GaussianRig, poisson_bound, stack_capture
 from .curve_fit import starts
-from .stacks import GaussianRig, poisson_bound, stack_capture
 
 __all__ = ["PEERS", "compare"]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .stacks import GaussianRig, stack_capture
+from ..written.gated_stack import GaussianRig, stack_capture
 
 __all__ = ["compare"]
 

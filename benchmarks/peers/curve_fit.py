@@ -17,7 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...optics.constants import C_M_PER_S
-from .stacks import GaussianRig, poisson_bound, stack_capture
+from ..written.gated_stack import GaussianRig, poisson_bound, stack_capture
 
 __all__ = ["compare", "starts"]
 

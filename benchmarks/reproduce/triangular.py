@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...optics.constants import C_M_PER_S
-from ..peers.stacks import GaussianRig, stack_capture
+from ..written.gated_stack import GaussianRig, stack_capture
 from .rows import Row, Verdict, judge_band
 
 __all__ = ["ITEM", "PUBLISHED", "fluctuation_for", "measured_ratio", "precision_ratio", "triangular_rows"]

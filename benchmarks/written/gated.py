@@ -1,8 +1,4 @@
-"""Gated captures written down from the closed forms of `optics`, in numpy alone: no renderer takes part.
-
-What judges bounds and estimators must not come from the code that they are meant to judge. Slice k of a pixel has the mean
-α R(2 n_g r/c − t_k) + b; counts, where drawn, pass the chain of `NoiseModel` one random step at a time.
-"""
+"""Gated captures from closed forms: slice k of a pixel has the mean α R(2 n_g r/c − t_k) + b photoelectrons."""
 
 from __future__ import annotations
 
@@ -15,48 +11,32 @@ import xarray as xr
 
 from ...captures.build import make_capture
 from ...optics.correlation import response as correlation
-from ...optics.likelihood.model import NoiseModel
 from ...scenes.declared import declared_rig
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.sampling import optics_gate, optics_pulse
 from ...scenes.scene import Scene
 from ..bounds.gated_instrument import noise_model, path_delay
+from .draw import drawn_counts, generator, truth_attributes
 
-__all__ = ["drawn_counts", "response_area_s", "written_capture"]
+__all__ = ["response_area_s", "written_capture"]
 
 Float = npt.NDArray[np.float64]
-
-
-def drawn_counts(mean: Float, noise: NoiseModel, rng: np.random.Generator) -> npt.NDArray[np.uint16]:
-    """Counts [DN] of mean photoelectrons, any shape: Poisson, gamma of the tube, full well, read noise, rounding, ADC."""
-    electrons = rng.poisson(mean).astype(np.float64)
-    if noise.intensified:
-        excess = noise.excess_noise_factor - 1.0
-        if excess > 0:
-            shape = electrons / excess
-            electrons = rng.gamma(np.where(shape > 0, shape, 1.0)) * excess * (shape > 0)
-        electrons *= noise.intensifier_gain
-    if noise.dark_e > 0:
-        electrons += rng.poisson(noise.dark_e, mean.shape)
-    electrons = np.minimum(electrons, noise.full_well_e)
-    if noise.read_noise_e > 0:
-        electrons += noise.read_noise_e * rng.standard_normal(mean.shape)
-    dn = np.floor(electrons * noise.gain_dn_per_e + noise.offset_dn + 0.5)
-    return np.clip(dn, 0, noise.adc_max_dn).astype(np.uint16)
 
 
 def written_capture(
     scene: Scene, amplitude: Any, background: float, range_m: Any = 5.0, *, seed: int | None = None, **attrs: Any
 ) -> xr.Dataset:
-    """A gated capture with its truth, for the rig of `scene` and any range and amplitude per pixel.
+    """A gated capture with its truth, for the rig of `scene` and any range and amplitude of each pixel.
 
     Main arguments:
         amplitude (row, col) or a number: photoelectrons at an open gate. background: photoelectrons per slice, dark
-        electrons included. range_m (row, col) or a number; NaN: no truth.
+        electrons included. range_m (row, col), m, or a number; NaN: no truth.
     Other arguments:
-        seed: of the counts; None leaves them zero, which serves bounds, since they read truth and coordinates alone.
+        seed: of the counts; None leaves them zero, which is enough for bounds: they read truth and coordinates only.
         attrs: more attributes.
+
+    Raises InputError for a scene of another modality.
     """
     rig = gated_rig(scene)
     shape = (rig.camera.rows, rig.camera.cols)
@@ -67,7 +47,7 @@ def written_capture(
     light = np.broadcast_to(np.asarray(amplitude, np.float64), shape).copy()
     counts = np.zeros((count, *shape), np.uint16)
     if seed is not None:
-        rng = np.random.Generator(np.random.PCG64(seed))
+        rng = generator(seed)
         time = path_delay(plane, rig, group_index(scene.medium, rig.laser.wavelength_m))[0]
         pulse, noise = optics_pulse(rig.laser.pulse), noise_model(rig)
         for g, gate in enumerate(rig.gates):
@@ -90,7 +70,7 @@ def written_capture(
             "truth_mixed": np.zeros(shape, bool), "truth_first": plane, "truth_last": plane,
             "truth_amplitude": light, "truth_background": np.full(count, background),
         },
-        attrs={"rig": declared, "truth_scene": scene.model_dump(mode="json"), "truth_kind": "rendered", **attrs},
+        attrs=truth_attributes(scene, declared) | attrs,
     )  # fmt: skip
 
 

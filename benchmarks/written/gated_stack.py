@@ -1,7 +1,8 @@
-"""Stacks for comparisons: a Gaussian response in closed form by numpy alone, with its declared rig and its exact bound.
+"""Gated stacks of a Gaussian response, from its closed form: the declared rig, expected counts and the exact bound.
 
-Pulse and gate are Gaussian, so R(u) = exp(−(u−u₀)²/2σ_R²)·a with σ_R² = σ_p² + σ_g². The counts come from this closed
-form, while the declared rig contains samples, which reveals an estimator that reads them wrongly. No renderer is used.
+Pulse and gate are Gaussian, so R(u) = a·exp(−(u−u₀)²/2σ_R²) with σ_R² = σ_p² + σ_g². The counts follow this closed form;
+the declared rig holds samples of pulse and gate, so an estimator that misreads the samples gives wrong ranges here. This
+file imports no scene and no renderer: a child process that measures memory can import it.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ class GaussianRig:
 
 
 def stack_capture(rig: GaussianRig, counts: npt.NDArray[Any], rig_json: dict[str, Any] | None = None) -> xr.Dataset:
-    """A gated capture without truth, as if recorded, of counts (slice, row, col)."""
+    """A gated capture without truth, as of a recording, of counts (slice, row, col); float32 counts are marked as averaged."""
     declared = rig_json or rig.declared(*counts.shape[1:])
     coords = {
         "delay": rig.delay_s, "gate": 0, "pulses": 1, "laser_on": True,
