@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .builtin import BUILTIN
     from .gated.tools.stack import read_stack
+    from .gated.train import train
     from .labels import format_label, label_of, parse_label, split_label
     from .registry import ENTRY_POINT_GROUP, Estimator, estimator, get_estimator, list_estimators, run_estimator
     from .result import range_result, stage_result
 
 __all__ = [
     "BUILTIN", "ENTRY_POINT_GROUP", "Estimator", "estimator", "format_label", "get_estimator", "label_of",
-    "list_estimators", "parse_label", "range_result", "read_stack", "run_estimator", "split_label", "stage_result",
+    "list_estimators", "parse_label", "range_result", "read_stack", "run_estimator", "split_label", "stage_result", "train",
 ]  # fmt: skip
 
 # No name here is that of a module: importing the module would replace it.
@@ -40,6 +41,7 @@ _HOME = {
     "run_estimator": "registry",
     "split_label": "labels",
     "stage_result": "result",
+    "train": "gated.train",
 }
 
 

@@ -117,9 +117,9 @@ def test_a_sweep_finds_where_it_breaks_down(copy: Path) -> None:
     assert row["modality"] == "echo_sounder" and 0.02 < float(row["level10"]) < 0.06 and row["mode"] == "refusal"
 
 
-def test_other_estimators_skip_it_and_other_verbs_know_it(copy: Path) -> None:
+def test_other_estimators_refuse_it_and_other_verbs_know_it(copy: Path) -> None:
     done = beambench(copy, "estimate", "sounder.zarr", "-e", "poisson-ml", "-o", "others")
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 2 and "reads captures of this modality" in done.stderr
     listed = beambench(copy, "estimators", "list", "--json")
     assert listed.returncode == 0 and '"echo_sounder"' in listed.stdout
     refused = beambench(copy, "generate", "sounder.toml", "--fidelity", "full", "-o", "x.zarr")

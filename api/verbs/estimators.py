@@ -106,7 +106,7 @@ def estimators_train(
     Raises:
         InputError: Data that cannot be used, or an output that exists.
     """
-    from ..estimators.gated.train import train
+    from ..estimators import train
     from ..scenes.errors import InputError
 
     paths = [data] if isinstance(data, str | Path) else data
