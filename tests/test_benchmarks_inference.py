@@ -278,7 +278,7 @@ def test_two_tables_are_compared_over_scenes(tmp_path: Path, capsys: pytest.Capt
     assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
     shown = capsys.readouterr().out
     assert "error B/A over scenes" in shown and f"{honest['error_ratio']:.3f} [{honest['error_lo']:.3f}" in shown
-    assert "times are not compared" not in shown
+    assert "Times are not compared" not in shown
     # Times of two kinds of machine would tell of the machines: they are left out, and that is said.
     for name, device in (("a", "cpu"), ("b", "cuda")):
         record = {"machine": {"device_class": device, "processor": "same", "threads_per_estimator": 1}}
@@ -286,7 +286,7 @@ def test_two_tables_are_compared_over_scenes(tmp_path: Path, capsys: pytest.Capt
     table = beambench.compare(tmp_path / "a", tmp_path / "b" / "scores.csv")
     assert table["cpu_ratio"].isna().all() and table.attrs["machines_differ"] == ["device_class cpu and cuda"]
     assert cli.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
-    assert "times are not compared: device_class cpu and cuda" in capsys.readouterr().out
+    assert "Times are not compared: the runs differ in device_class cpu and cuda." in capsys.readouterr().out
 
 
 def test_tables_of_two_contracts_are_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
