@@ -10,7 +10,8 @@ import sys
 from typing import Any
 
 from ..scenes.errors import InputError
-from . import BUILTIN, get_estimator, list_estimators
+from .builtin import BUILTIN
+from .registry import get_estimator, list_estimators
 
 __all__ = ["listed", "modalities_read", "row"]
 
@@ -32,7 +33,7 @@ def modalities_read() -> set[str]:
 
 
 def row(name: str, origin: str = "built-in") -> dict[str, Any]:
-    """The record of an estimator, which is imported: name, modality, parameters with defaults, source, summary, error."""
+    """The record of an estimator, which is imported here; see `listed` for its entries."""
     try:
         found = get_estimator(name)
     except InputError as error:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from ..scenes.errors import InputError
-from . import list_estimators
+from .registry import list_estimators
 
 __all__ = ["check_name", "is_package", "write_package"]
 
@@ -82,8 +82,7 @@ import numpy as np
 import xarray as xr
 
 from beambench.estimators import estimator
-
-C_M_PER_S = 299_792_458.0
+from beambench.optics.constants import C_M_PER_S
 
 
 @estimator("gated", cites="describe here where your algorithm comes from")

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...estimators.labels import parse_label, split_label
 from ...scenes.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,8 +68,6 @@ def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[d
 
 
 def _check(tables: list[Estimates], estimates: Path, failure_at: float | None) -> None:
-    from ...estimators.labels import parse_label
-
     labels = [table.label for table in tables]
     for label in labels:
         parse_label(label)
@@ -82,7 +81,7 @@ def _check(tables: list[Estimates], estimates: Path, failure_at: float | None) -
 
 def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, Any]) -> dict[str, Any]:
     """The columns that say what was scored."""
-    name, _, params = table.label.partition("[")
+    name, params = split_label(table.label)
     return {
         "suite": captures.path.name,
         "scene": _scene_name(attrs, index),
@@ -93,7 +92,7 @@ def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, An
         "seed": int(attrs.get("seed", index)),
         "condition": "matched",
         "estimator": name,
-        "params": params.removesuffix("]"),
+        "params": params,
     }
 
 
