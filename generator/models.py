@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ..scenes.errors import InputError
+from ..scenes.records import record_of
 
 if TYPE_CHECKING:
     from .model import Model
@@ -21,13 +19,7 @@ MODELS: dict[str, str] = {
 }
 
 
-@lru_cache(maxsize=64)
 def model_of(modality: str) -> Model[Any]:
     """The forward model of a modality. Raises InputError where none is built."""
-    if modality not in MODELS:
-        raise InputError(
-            "There is no forward model of this modality.", where="rig.kind", value=modality, allowed=", ".join(MODELS)
-        )
-    module, _, name = MODELS[modality].partition(":")
-    model: Model[Any] = getattr(import_module(module), name)
+    model: Model[Any] = record_of(MODELS, modality, "There is no forward model of this modality.", "rig.kind")
     return model

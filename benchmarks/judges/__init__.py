@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,15 +17,9 @@ JUDGES: dict[str, str] = {
 }
 
 
-@lru_cache(maxsize=64)
 def judge_of(modality: object) -> Judge:
     """The judge of a modality. Raises InputError for one that is not scored."""
-    from ...scenes.errors import InputError
+    from ...scenes.records import record_of
 
-    if not isinstance(modality, str) or modality not in JUDGES:
-        raise InputError(
-            "This version does not score such captures.", where="modality", value=modality, allowed=", ".join(JUDGES)
-        )
-    module, _, name = JUDGES[modality].partition(":")
-    judge: Judge = getattr(import_module(module), name)
+    judge: Judge = record_of(JUDGES, modality, "This version does not score such captures.", "modality")
     return judge

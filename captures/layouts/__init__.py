@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -22,17 +21,11 @@ LAYOUTS: dict[str, str] = {
 }
 
 
-@lru_cache(maxsize=64)
 def layout_of(modality: object) -> Layout:
     """The layout of a modality. Raises InputError for an unknown one."""
-    from ...scenes.errors import InputError
+    from ...scenes.records import record_of
 
-    if not isinstance(modality, str) or modality not in LAYOUTS:
-        raise InputError(
-            "There is no such modality.", where="attribute modality", value=modality, allowed=", ".join(LAYOUTS)
-        )
-    module, _, name = LAYOUTS[modality].partition(":")
-    layout: Layout = getattr(import_module(module), name)
+    layout: Layout = record_of(LAYOUTS, modality, "There is no such modality.", "attribute modality")
     return layout
 
 

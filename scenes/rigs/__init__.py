@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,13 +17,9 @@ RIGS: dict[str, str] = {
 }
 
 
-@lru_cache(maxsize=64)
 def rig_kind(name: object) -> RigKind[Any]:
     """The record of a kind of rig. Raises InputError for an unknown one."""
-    from ..errors import InputError
+    from ..records import record_of
 
-    if not isinstance(name, str) or name not in RIGS:
-        raise InputError("There is no such kind of rig.", where="rig.kind", value=name, allowed=", ".join(RIGS))
-    module, _, attribute = RIGS[name].partition(":")
-    kind: RigKind[Any] = getattr(import_module(module), attribute)
+    kind: RigKind[Any] = record_of(RIGS, name, "There is no such kind of rig.", "rig.kind")
     return kind
