@@ -28,9 +28,9 @@ def _text(folder: Path, given: Arguments) -> None:
     flat = {k: v for k, v in record.items() if not isinstance(v, dict)}
     flat |= {f"{k}: {name}": value for k, v in record.items() if isinstance(v, dict) for name, value in v.items()}
     print_table(("quantity", "value"), [(name, _shown(value)) for name, value in flat.items()], right=("value",))
-    columns = ("policy", "rtol", "decisions", "within_rtol", "lo", "hi", "cheapest", "cpu_s", "undecided")
+    columns = ("reference", "policy", "rtol", "decisions", "within_rtol", "lo", "hi", "cheapest", "cpu_s", "undecided")
     table = [tuple(_shown(row[name]) for name in columns) for row in policies]
-    print_table(columns, table, right=columns[2:])
+    print_table(columns, table, right=columns[3:])
     print_lines(
         f"tables   {folder / 'fidelity.csv'}, policies.csv, fidelity.json", f"picture  {folder / 'fidelity.svg'}"
     )

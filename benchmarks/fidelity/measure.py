@@ -1,11 +1,15 @@
 """One scene rendered by every rung: cost, error and task error against two references, and the rung that `auto` chooses.
 
 The quantity is expected photoelectrons per pixel and gate, without ambient light. ε² = Σ(X − R₁)(X − R₂)/ΣR₁R₂ is unbiased
-by the noise of the references, which determines its interval. R₂ is our `full` rung with its own random seed. R₁ is
-mitransient's volumetric path tracer, which shares no light-transport code with ours, where it can render the scene
-(flat-top beams) and its standard error is below `PEER_ENOUGH`; otherwise our `full` rung with another seed. In both cases
-the error of R₂ against two independent mitransient stacks is reported. Each rung is rendered to the accuracy that `auto`
-would request.
+by the noise of the references, which determines its interval. Two kinds of references:
+
+- "independent": R₁ and R₂ are two stacks of mitransient's volumetric path tracer, which shares no light-transport code with
+  ours, where it can render the scene (flat-top beams) and its standard error is below `PEER_ENOUGH`. Every rung, `full` too, is
+  judged by them, with the verdicts "pass" and "fail"; the bias of `full` that they would have seen is stated (`bias.py`).
+- "own": two seeds of our `full` rung. They cannot see a systematic error of `full`, so that the verdicts are "self-consistent"
+  and "self-inconsistent".
+
+Each rung is rendered to the accuracy that `auto` would request.
 
 The task error is the bias in time of flight that the rung's error causes in a maximum-likelihood estimate,
 J⁻¹Σ∂S·ΔS/V, in units of the bound J^(−1/2): its root mean square over the pixels that see the target.
@@ -34,6 +38,7 @@ from ...generator.gated.view import view_of
 from ...generator.paths.world import PathWorld
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
+from .bias import Bias, scale_bias
 
 __all__ = ["PEER_ENOUGH", "RTOLS", "RUNGS", "References", "SceneRungs", "measure_scene", "verdict"]
 
@@ -128,16 +133,12 @@ class SceneRungs:
         return pair(int(enough), seed + 2) if few < enough <= most else found
 
     def references(self, seed: int) -> References:
-        """R₁ and R₂, two replicates each, and the error of R₂ against mitransient."""
+        """Two replicates each of two seeds of `full`, and two stacks by mitransient where these are precise enough."""
         twos = self.replicates(seed + 500_000)
         peer = self.peer_replicates(seed + 1)
-        if peer is not None:
-            noise = _noise(peer, twos.mean(axis=0))
-            told = (noise, *stack_error(twos.mean(axis=0), peer[0], peer[1]))
-            if noise <= PEER_ENOUGH:
-                return References(peer, twos, "mitransient+full", told)
-            return References(self.replicates(seed + 250_000), twos, "full+full", told)
-        return References(self.replicates(seed + 250_000), twos, "full+full", None)
+        noise = float("nan") if peer is None else _noise(peer, twos.mean(axis=0))
+        independent = peer if peer is not None and noise <= PEER_ENOUGH else None
+        return References(self.replicates(seed + 250_000), twos, independent, noise)
 
 
 def _noise(pair: Stack, whole: Stack) -> float:
@@ -148,26 +149,43 @@ def _noise(pair: Stack, whole: Stack) -> float:
 
 @dataclass(frozen=True, eq=False)
 class References:
-    """`ones`, `twos` (2, slices, rows, cols): replicates of R₁ and R₂; `whose`; `peer`: mitransient's standard error, and
-    the error of R₂ against it with its interval (bootstrap over pixels)."""
+    """`ones`, `twos` (2, slices, rows, cols): replicates of two seeds of `full`; `peers`: two independent stacks of other code,
+    None where there are none that are precise enough; `noise`: their standard error, NaN where they could not be rendered."""
 
     ones: Stack
     twos: Stack
-    whose: str
-    peer: tuple[float, float, float, float] | None
+    peers: Stack | None
+    noise: float
+
+    @property
+    def kind(self) -> str:
+        """ "independent" or "own"."""
+        return "own" if self.peers is None else "independent"
+
+    def error(self, stack: Stack) -> tuple[float, float, float]:
+        """ε of a stack and its 95 % interval, against the independent references where there are any."""
+        if self.peers is not None:
+            return stack_error(stack, self.peers[0], self.peers[1])
+        return replicate_error(stack, self.ones, self.twos)
+
+    def bias_of_full(self) -> Bias:
+        """How much too bright `full` is, against the independent references; NaN without."""
+        if self.peers is None:
+            return Bias(float("nan"), float("nan"))
+        return scale_bias(np.concatenate([self.ones, self.twos]).mean(axis=0), self.peers[0], self.peers[1])
 
 
 def measure_scene(
     scene: Scene, seed: int, rtols: tuple[Rtol, ...] = RTOLS
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Rows of fidelity.csv of one scene, one for each rung and limit, and a record of its references. `verdict` of a rung:
-    "pass", "fail" or "undecided", by the interval of its error."""
+    """Rows of fidelity.csv of one scene, one for each rung and limit, and a record of its references."""
     rungs = SceneRungs(scene)
     found = rungs.references(seed)
     one, two = found.ones.mean(axis=0), found.twos.mean(axis=0)
     slope, background = rungs.slope(), rungs.background_e()
     variance = two + (background + gated_rig(scene).detector.read_noise_e ** 2).astype(np.float32)[:, None, None]
     offered = [r for r in RUNGS if r != "scatter" or scene.medium.scattering_per_m > 0]
+    bias = found.bias_of_full()
     rows: list[dict[str, Any]] = []
     choose(scene, 0.1, seed, 0)  # compile and load before timing
     for rung in offered:
@@ -177,26 +195,32 @@ def measure_scene(
         limit, sampled = choice.limit, choice.sampled
         for rung in offered:
             stack, seconds = _timed(partial(rungs.at, rung, sampled, seed))
-            error, low, high = replicate_error(stack, found.ones, found.twos)
+            error, low, high = found.error(stack)
             rows.append(
                 {
                     "modality": scene.modality, "scene": scene.name, "rung": rung, "cpu_s": seconds, "rel_error": error,
                     "lo": low, "hi": high, "task_error": task_error(stack, (one, two), slope, variance),
                     "predicted_error": choice.predicted.get(rung, float("nan")),
-                    "chosen": rung == choice.rung, "verdict": verdict(low, high, limit), "rtol": rtol, "limit": limit,
-                    "choice_cpu_s": asking,
+                    "chosen": rung == choice.rung, "verdict": verdict(low, high, limit, found.kind), "rtol": rtol,
+                    "limit": limit, "choice_cpu_s": asking, "reference": found.kind, "bias_seen": bias.seen,
                 }
             )  # fmt: skip
-    told: dict[str, Any] = {"scene": scene.name, "references": found.whose}
-    if found.peer is not None:
-        noise, error, low, high = found.peer
-        told |= {"peer_standard_error": noise, "full_against_peer": error, "full_against_peer_interval": [low, high]}
-    return rows, told
+    record: dict[str, Any] = {"scene": scene.name, "references": found.kind}
+    if found.noise == found.noise:
+        record["peer_standard_error"] = found.noise
+    if found.peers is not None:
+        error, low, high = stack_error(two, found.peers[0], found.peers[1])
+        record |= {"full_against_peer": error, "full_against_peer_interval": [low, high]}
+        record |= {"bias_of_full": bias.value, "bias_interval": list(bias.interval)}
+        record["bias_seen"] = bias.seen if bias.seen == bias.seen else None
+    return rows, record
 
 
-def verdict(low: float, high: float, limit: float) -> str:
-    """Verdict on a rung whose error lies in low … high at a limit."""
-    return "pass" if high <= limit else "fail" if low > limit else "undecided"
+def verdict(low: float, high: float, limit: float, kind: str) -> str:
+    """Verdict on a rung whose error lies in low … high at a limit, by references of a kind: "pass", "fail" or "undecided" by
+    independent ones; "self-consistent", "self-inconsistent" or "undecided" by our own."""
+    words = ("pass", "fail") if kind == "independent" else ("self-consistent", "self-inconsistent")
+    return words[0] if high <= limit else words[1] if low > limit else "undecided"
 
 
 def _timed(make: Callable[[], T]) -> tuple[T, float]:

@@ -6,6 +6,9 @@ undecided; then the right rung is the cheapest that passes, if any does. Shares 
 counted in a column of their own. A policy is within the limit where the rung that it chooses passes, and at the cheapest
 where that rung is the right one. Where no rung passes, no policy is within the limit. CPU times are sums over the decided
 cases; that of `auto` includes the choice.
+
+A rung passes against independent references ("pass") or agrees with our own `full` ("self-consistent"). The latter cannot see
+a systematic error of `full`, so that the two are never counted together: each policy has a row for either kind of reference.
 """
 
 from __future__ import annotations
@@ -17,13 +20,17 @@ from typing import Any
 import numpy as np
 
 from ..statistics.rates import wilson_interval
+from .bias import BIASES
 
-__all__ = ["POLICIES", "POLICY_COLUMNS", "Decision", "decisions", "policy_rows", "summarise"]
+__all__ = ["POLICIES", "POLICY_COLUMNS", "REFERENCES", "Decision", "decisions", "policy_rows", "summarise"]
+
+#: Kinds of references: of other code, and two seeds of our own `full` rung.
+REFERENCES = ("independent", "own")
 
 POLICIES = ("always-full", "always-cheapest", "auto")
 POLICY_COLUMNS = (
     "policy", "rtol", "decisions", "within_rtol", "lo", "hi", "cheapest", "cheapest_lo", "cheapest_hi", "cpu_s",
-    "asking_cpu_s", "undecided", "none_passes",
+    "asking_cpu_s", "undecided", "none_passes", "reference",
 )  # fmt: skip
 
 #: From the cheapest to the most expensive.
@@ -46,9 +53,14 @@ class Decision:
         return all(row["verdict"] != "undecided" for row in self.rows.values())
 
     @property
+    def reference(self) -> str:
+        """ "independent" or "own": what the rungs were compared with."""
+        return str(next(iter(self.rows.values()))["reference"])
+
+    @property
     def right(self) -> str | None:
         """The cheapest rung that passes."""
-        return next((r for r in _RUNGS if r in self.rows and self.rows[r]["verdict"] == "pass"), None)
+        return next((r for r in _RUNGS if r in self.rows and _passes(self.rows[r])), None)
 
     def taken(self, policy: str) -> str:
         """The rung that a policy chooses."""
@@ -73,17 +85,27 @@ def decisions(rows: Iterable[dict[str, Any]]) -> list[Decision]:
 
 
 def policy_rows(every: Sequence[Decision]) -> list[dict[str, Any]]:
-    """Rows of policies.csv: each policy at each limit, and over all fractions ("all": without "noise")."""
-    fractions = [d for d in every if d.rtol != "noise"]
-    groups = [("all", fractions)]
-    groups += [(name, [d for d in every if d.rtol == name]) for name in dict.fromkeys(d.rtol for d in every)]
-    return [_policy(policy, name, group) for policy in POLICIES for name, group in groups]
+    """Rows of policies.csv: each policy at each limit, and over all fractions ("all": without "noise"), for each kind of
+    reference."""
+    rows = []
+    for kind in REFERENCES:
+        here = [d for d in every if d.reference == kind]
+        if not here:
+            continue
+        groups = [("all", [d for d in here if d.rtol != "noise"])]
+        groups += [(name, [d for d in here if d.rtol == name]) for name in dict.fromkeys(d.rtol for d in every)]
+        rows += [_policy(policy, name, group, kind) for policy in POLICIES for name, group in groups]
+    return rows
 
 
-def _policy(policy: str, rtol: str, group: Sequence[Decision]) -> dict[str, Any]:
+def _passes(row: dict[str, Any]) -> bool:
+    return row["verdict"] in ("pass", "self-consistent")
+
+
+def _policy(policy: str, rtol: str, group: Sequence[Decision], kind: str) -> dict[str, Any]:
     decided = [d for d in group if d.decided]
     n = len(decided)
-    within = sum(d.rows[d.taken(policy)]["verdict"] == "pass" for d in decided)
+    within = sum(_passes(d.rows[d.taken(policy)]) for d in decided)
     cheapest = sum(d.right is not None and d.taken(policy) == d.right for d in decided)
     asking = [float(next(iter(d.rows.values()))["choice_cpu_s"]) if policy == "auto" else 0.0 for d in decided]
     cpu = sum(asking) + sum(float(d.rows[d.taken(policy)]["cpu_s"]) for d in decided)
@@ -94,6 +116,7 @@ def _policy(policy: str, rtol: str, group: Sequence[Decision]) -> dict[str, Any]
         "cheapest": cheapest / n if n else float("nan"), "cheapest_lo": cheap_low, "cheapest_hi": cheap_high, "cpu_s": cpu,
         "asking_cpu_s": float(sum(asking)),
         "undecided": len(group) - n, "none_passes": sum(d.right is None for d in decided),
+        "reference": kind,
     }  # fmt: skip
 
 
@@ -111,8 +134,10 @@ def summarise(rows: Sequence[dict[str, Any]], scenes: Sequence[dict[str, Any]] =
     ]  # fmt: skip
     noise = [d.rows[d.taken("auto")]["task_error"] for d in every if d.rtol == "noise"]
     return {
-        "rule": "a rung passes where hi <= rtol, fails where lo > rtol; decided: no rung is undecided",
+        "rule": "a rung passes where hi <= rtol, fails where lo > rtol; decided: no rung is undecided; by our own references a rung"
+        " is self-consistent or not",
         "scenes": len({d.scene for d in every}),
+        "scenes with independent references": len({d.scene for d in every if d.reference == "independent"}),
         "decisions": len(fractions),
         "decided": len(decided),
         "undecided": len(fractions) - len(decided),
@@ -126,6 +151,14 @@ def summarise(rows: Sequence[dict[str, Any]], scenes: Sequence[dict[str, Any]] =
             "decisions": len(noise), "below 0.1": sum(t < 0.1 for t in noise),
             "median": float(np.median(noise)) if noise else None, "largest": max(noise, default=None),
         },
-        "policies": policy_rows(every),
+        "policies": [{name: None if value != value else value for name, value in row.items()} for row in policy_rows(every)],
+        "bias of full that would have been seen": _seen(scenes),
         "references": list(scenes),
     }  # fmt: skip
+
+
+def _seen(scenes: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """In how many scenes a bias of `full` of this size would have been found; the rest are self-consistent at best."""
+    known = [one.get("bias_seen") for one in scenes]
+    found = {f"{bias:.0%}": sum(seen is not None and seen <= bias for seen in known) for bias in BIASES}
+    return found | {"none": sum(seen is None for seen in known)}

@@ -32,9 +32,9 @@ __all__ = ["COLUMNS", "read_rows", "run_fidelity"]
 
 COLUMNS = (
     "modality", "scene", "rung", "cpu_s", "rel_error", "lo", "hi", "task_error", "predicted_error", "chosen", "verdict",
-    "rtol", "limit", "choice_cpu_s",
+    "rtol", "limit", "choice_cpu_s", "reference", "bias_seen",
 )  # fmt: skip
-_NUMBERS = ("cpu_s", "rel_error", "lo", "hi", "task_error", "predicted_error", "limit", "choice_cpu_s")
+_NUMBERS = ("cpu_s", "rel_error", "lo", "hi", "task_error", "predicted_error", "limit", "choice_cpu_s", "bias_seen")
 #: Identity of a measurement, and the references of the scenes measured so far.
 _STATE = "fidelity-scenes.json"
 
@@ -122,7 +122,9 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
     with open(path, encoding="utf-8", newline="") as file:
         rows: list[dict[str, Any]] = list(csv.DictReader(file))
     for row in rows:
-        row |= {name: float(row[name]) if row[name] else float("nan") for name in _NUMBERS}
+        # Tables of older versions do not state their reference: they could not see a systematic error of `full`.
+        row.setdefault("reference", "own")
+        row |= {name: float(row[name]) if row.get(name) else float("nan") for name in _NUMBERS}
         row["chosen"] = row["chosen"].lower() == "true"
     return rows
 
