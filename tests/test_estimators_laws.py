@@ -297,11 +297,11 @@ def test_a_planted_fault_breaks_its_law_alone(law: str, fault: Callable[..., Non
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
-        (lambda result: None, "returned no Dataset"),
-        (lambda result: result.drop_vars("sigma"), "returned no sigma"),
-        (lambda result: result.rename(shot="row"), "of a wrong shape"),
-        (lambda result: result.assign(range=result["range"].astype(int)), "is not a float"),
-        (lambda result: result.assign(valid=result["valid"].astype(float)), "is not bool"),
+        (lambda result: None, "did not return a Dataset"),
+        (lambda result: result.drop_vars("sigma"), "did not return sigma"),
+        (lambda result: result.rename(shot="row"), "range with the wrong shape"),
+        (lambda result: result.assign(range=result["range"].astype(int)), "range that is not floating point"),
+        (lambda result: result.assign(valid=result["valid"].astype(float)), "valid that is not boolean"),
     ],
 )
 def test_every_breach_of_the_contract_is_named(change: Callable[[xr.Dataset], xr.Dataset], seen: str) -> None:
