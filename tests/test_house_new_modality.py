@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import re
 import shutil
@@ -82,7 +83,7 @@ def test_the_page_has_one_record_per_floor(project: Path) -> None:
     text = page(project)
     assert set(lines_of_page(text)) == set(TABLES)
     made = [name for name in files_of_page(text) if name.endswith(".py") and not name.endswith("__init__.py")]
-    assert len(made) == 5 and all("echo_sounder" in name for name in made)
+    assert len(made) == 6 and all("echo_sounder" in name for name in made)  # the judge's laws are a file of their own
     assert not [name for name in files_of_page(text) if (project / name).exists()]
 
 
@@ -98,6 +99,14 @@ def test_a_capture_is_generated_estimated_and_scored(copy: Path) -> None:
     assert row["n"] == "400" and float(row["coverage"]) == 1.0
     # 400 pings: the efficiency of the least squares is 1 within 3 √(2/400).
     assert abs(float(row["efficiency"]) - 1.0) < 0.21 and abs(float(row["z_rms"]) - 1.0) < 0.11
+
+
+def test_its_estimator_is_checked_against_the_laws(copy: Path) -> None:
+    done = beambench(copy, "estimators", "check", "sounder-matched", "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    laws = {row["law"] for row in json.loads(done.stdout)["laws"]}
+    assert {"shift: a later zero of time, farther ranges", "pings do not depend on their order"} <= laws
+    assert len(laws) == 14 and not any(law.startswith("gain") for law in laws)
 
 
 def test_a_run_has_its_report_and_names_its_elements(copy: Path) -> None:
