@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.bounds.instrument import gated_responses
+from beambench.benchmarks.bounds.gated_instrument import gated_responses
 from beambench.benchmarks.checks.efficiency import Cell, cell_levels, cell_scene
 from beambench.benchmarks.judges.bound import cramer_rao_bound
 from beambench.benchmarks.written.gated import written_capture
