@@ -32,7 +32,8 @@ ORDER: dict[str, tuple[str, ...]] = {
         "generate",
     ),
     "estimators": (
-        "labels", "result", "builtin", "registry", "gated", "waveform", "amcw", "calibration", "listing", "package",
+        "labels", "rig", "response", "result", "builtin", "registry", "fit", "gated", "waveform", "amcw", "calibration",
+        "listing", "package",
     ),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
