@@ -1,4 +1,4 @@
-"""Judges: how each modality's estimates are compared with truth and bound."""
+"""Judges: the comparison of each modality's estimates with truth and bound."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ JUDGES: dict[str, str] = {
 
 @lru_cache(maxsize=64)
 def judge_of(modality: object) -> Judge:
-    """The judge of a modality. Raises InputError for one that is not scored."""
+    """The judge of a modality. Raises InputError for a modality that is not scored."""
     from ...scenes.errors import InputError
 
     if not isinstance(modality, str) or modality not in JUDGES:
