@@ -120,7 +120,7 @@ def test_a_grid_is_refined_at_its_edge_only() -> None:
 
 @pytest.mark.parametrize("levels", [[1.0], [1.0, 3.0, 2.0], [1.0, 1.0]])
 def test_levels_run_one_way(levels: list[float]) -> None:
-    with pytest.raises(InputError, match="run one way"):
+    with pytest.raises(InputError, match="must rise or fall throughout"):
         refine_axis(lambda points: {}, levels)
 
 

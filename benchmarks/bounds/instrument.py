@@ -30,7 +30,7 @@ def true_scene(capture: xr.Dataset) -> Scene:
     """The scene that the capture was really generated from. Raises InputError where the capture does not tell."""
     text = capture.attrs.get("truth_scene")
     if not isinstance(text, str):
-        raise InputError("The capture does not tell its true scene.", where="attribute truth_scene")
+        raise InputError("The capture does not state its true scene.", where="attribute truth_scene")
     return validate_spec(Scene, json.loads(text), "truth_scene")
 
 
@@ -62,7 +62,7 @@ def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[floa
         scale, window = scales(rig)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(
-            "The declared rig does not tell the scale of failure.", where="attribute rig",
+            "The declared rig does not state the scale of failure.", where="attribute rig",
             value=f"{type(error).__name__}: {error}",
             next_step="declare pulse, gates and medium as `beambench generate` does",
         ) from error  # fmt: skip

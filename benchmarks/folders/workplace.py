@@ -34,12 +34,14 @@ def output_folder(out: str | Path | None, name: str, *, resume: bool, overwrite:
     from .journal import default_folder
 
     if resume and overwrite:
-        raise InputError("--resume and --overwrite exclude each other.", where="--resume", allowed="one of them")
+        raise InputError(
+            "The options --resume and --overwrite exclude each other.", where="--resume", allowed="one of them"
+        )
     if out is not None:
         return Path(out).expanduser()
     if resume:
         raise InputError(
-            "--resume needs the folder of the earlier output.", where="--out", next_step="add --out FOLDER"
+            "The option --resume needs the folder of the earlier output.", where="--out", next_step="add --out FOLDER"
         )
     return default_folder(name)
 

@@ -1,14 +1,14 @@
-"""Where an estimator breaks down: failure rates along one axis, or over two, refined at the edge.
+"""Failure maps: failure rates of an estimator along one axis, or over two, refined at the edge of breakdown.
 
 Levels run from benign (first) to breaking (last). The breakdown level of a target rate q is where the failure rate,
-rising, first passes q. It is not fitted through levels on both sides: a level is *below* the edge if its upper bound
-is under q, and *beyond* it if its lower bound is over q, and the edge lies between the last certain level below and the
-first certain level beyond. That pair is the interval; its levels are halved until it is narrow, or until more levels
-would tell no more, since those inside it are too close to q for the seeds at hand.
+rising, first passes q. No curve is fitted: a level is *below* the edge if its upper bound is under q, and *beyond* it if its
+lower bound is over q. The edge lies between the last level that is certainly below and the first that is certainly beyond.
+These two levels are the interval. It is halved until it is narrow, or until the rates inside it are too close to q for the
+number of seeds, so that further levels would not narrow it.
 
-Every level can err on one side only, so with a budget of L levels and one-sided bounds at 0.05/L each the interval
-holds the edge with 95 % by Bonferroni's inequality, for any rate that rises through q once; no shape is assumed. The
-point inside it is where the isotonic regression of the rates (Barlow et al. 1972) passes q.
+Every level can err on one side only. Hence, with a budget of L levels and one-sided bounds at 0.05/L each, the interval
+contains the edge with 95 % probability by Bonferroni's inequality, for any rate that rises through q once. The reported
+level is where the isotonic regression of the rates (Barlow et al. 1972) passes q.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = [
 TARGETS = (0.1, 0.5)
 
 Point = tuple[float, ...]
-#: Trials at each of some points (one level per axis).
+#: Returns the trials at each of the given points (one level per axis).
 Evaluate = Callable[[Sequence[Point]], Mapping[Point, Sequence[Trial]]]
 
 _CONFIDENCE_ERROR = 0.05
@@ -43,7 +43,7 @@ _CONFIDENCE_ERROR = 0.05
 class Edge:
     """The level at which the failure rate passes `target`, and its interval from the benign side to the failing one.
 
-    NaN: not within the levels. `start` NaN: it may fail before the first level; `end` NaN: perhaps only after the last.
+    NaN: outside the levels. `start` is NaN if the edge may lie before the first level, `end` if it may lie after the last.
     """
 
     target: float
@@ -53,15 +53,15 @@ class Edge:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """(lo, hi) as numbers: where the axis breaks downwards, the failing side is the smaller number. An open side
+        """(lo, hi) in numerical order: on an axis whose levels fall, the failing side is the smaller number. An open side
         is NaN."""
         return self.start, self.end
 
 
 @dataclass
 class EdgeMap:
-    """All that was measured along an axis, or over two: trials at every point, the edges of an axis, and the cells of a
-    grid, (first level, second, first level2, second) each, which cover it without overlap."""
+    """Measurements along one axis, or over two: the trials at every point, the edges along an axis, and the cells of a grid,
+    each (first level, second, first level2, second), which cover the grid without overlap."""
 
     trials: dict[Point, list[Trial]] = field(default_factory=dict)
     edges: tuple[Edge, ...] = ()
@@ -74,7 +74,7 @@ class EdgeMap:
 
 
 def isotonic(value: Sequence[float], weight: Sequence[float]) -> list[float]:
-    """The rising sequence closest to `value` in weighted squares: pool adjacent violators (Barlow et al. 1972)."""
+    """The non-decreasing sequence closest to `value` in weighted least squares: pool adjacent violators (Barlow et al. 1972)."""
     blocks: list[list[float]] = []  # mean, weight, length
     for v, w in zip(value, weight, strict=True):
         blocks.append([v, w, 1.0])
@@ -90,12 +90,12 @@ def check_levels(levels: Sequence[float], axis: str) -> list[float]:
     """The levels as numbers.
 
     Raises:
-        InputError: fewer than two, or they run both ways.
+        InputError: there are fewer than two, or they neither rise nor fall throughout.
     """
     rising = sorted(set(levels))
     if len(rising) < 2 or len(rising) != len(levels) or list(levels) not in (rising, rising[::-1]):
         raise InputError(
-            "The levels of a failure map run one way, from benign to breaking.",
+            "The levels of a failure map must rise or fall throughout, from benign to breaking.",
             where=axis,
             value=list(levels),
             allowed="at least two levels, rising or falling",
@@ -104,7 +104,7 @@ def check_levels(levels: Sequence[float], axis: str) -> list[float]:
 
 
 def _middle(a: float, b: float, log: bool) -> float:
-    """Half-way, in few digits: levels stand in tables and in the keys of random streams."""
+    """The middle, rounded to few digits, as levels are printed in tables and used in keys of random streams."""
     exact = math.sqrt(a * b) if log else 0.5 * (a + b)
     for digits in range(3, 17):
         rounded = float(f"{exact:.{digits}g}")
@@ -135,7 +135,8 @@ def find_edge(levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], 
     """The edge from measured levels, ordered from benign to breaking.
 
     Main arguments:
-        trials: at every (level,). target: failure rate, 0 … 1. budget: levels that the interval's error is shared among.
+        trials: at every (level,). target: failure rate, 0 … 1. budget: number of levels that share the
+        probability of error of the interval.
     """
     start, _, end = _bracket(levels, trials, target, budget)
     axis = _Axis(levels)
@@ -146,7 +147,7 @@ def find_edge(levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], 
     for (a, p), (b, q) in pairwise(zip(used, rising, strict=True)):
         if p <= target < q:
             share = (target - p) / (q - p)
-            # A jump across the whole step tells nothing of where in it: the middle is the best guess.
+            # A jump across the whole step does not show its place in the step: the middle is the best guess.
             share = 0.5 if q - p > 0.75 else share
             level = axis.level(axis.position(a) + share * (axis.position(b) - axis.position(a)))
             break
@@ -160,7 +161,7 @@ def find_edge(levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], 
 def _bracket(
     levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], target: float, budget: int
 ) -> tuple[float, list[float], float]:
-    """(last level certainly below, unresolved levels, first level certainly beyond); NaN where there is none."""
+    """(last level certainly below, undecided levels, first level certainly beyond); NaN if there is no such level."""
     spread = dispersion(trials[level,] for level in levels)
     alpha = _CONFIDENCE_ERROR / max(budget, len(levels))
     start, end = math.nan, math.nan
@@ -189,14 +190,14 @@ def refine_axis(
     """Measure failure rates along an axis and halve the levels around each edge.
 
     Main arguments:
-        evaluate: trials at some points, each (level,). levels: to begin with, from benign to breaking.
+        evaluate: returns the trials at given points, each (level,). levels: first levels, from benign to breaking.
     Other arguments:
-        targets: failure rates whose levels are sought. budget: the most levels measured.
-        resolution: share of the span (of its logarithm, where the levels span a factor of 8) below which an interval is
-            not halved further.
+        targets: failure rates whose levels are searched for. budget: largest number of measured levels.
+        resolution: fraction of the span (of its logarithm, if the levels span a factor of 8) below which an interval is not
+            halved further.
 
     Raises:
-        InputError: levels that run both ways, or fewer than two.
+        InputError: fewer than two levels, or levels that neither rise nor fall throughout.
     """
     first = check_levels(levels, axis)
     scale = _Axis(first)
@@ -204,10 +205,10 @@ def refine_axis(
     found = EdgeMap({point: list(got) for point, got in evaluate([(x,) for x in first]).items()}, budget=budget)
     while True:
         measured = found.ordered(first)
-        wanted: list[float] = []
+        requested: list[float] = []
         for target in targets:
-            wanted += _halves(_bracket(measured, found.trials, target, budget), scale, resolution)
-        new = [level for level in dict.fromkeys(wanted) if (level,) not in found.trials]
+            requested += _halves(_bracket(measured, found.trials, target, budget), scale, resolution)
+        new = [level for level in dict.fromkeys(requested) if (level,) not in found.trials]
         new = new[: budget - len(measured)]
         if not new:
             break
@@ -218,7 +219,7 @@ def refine_axis(
 
 
 def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution: float) -> list[float]:
-    """The level that narrows a bracket most: the middle of the wider gap between a certain level and the next."""
+    """The level that narrows a bracket most: the middle of the wider gap between a decided level and its neighbour."""
     start, between, end = bracket
     chain = [level for level in (start, *between, end) if not math.isnan(level)]
     gaps = []
@@ -241,10 +242,10 @@ def refine_grid(
     axis2: str = "axis2",
 ) -> EdgeMap:
     """Measure failure rates over two axes and halve, `depth` times, the cells whose corners lie on both sides of a
-    target. A cell is a rectangle between measured points: far from the edge it stays coarse.
+    target. A cell is a rectangle between measured points; far from the edge it stays coarse.
 
     Raises:
-        InputError: levels that run both ways, or fewer than two.
+        InputError: fewer than two levels, or levels that neither rise nor fall throughout.
     """
     first, second = check_levels(levels, axis), check_levels(levels2, axis2)
     logs = is_log(first), is_log(second)

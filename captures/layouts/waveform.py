@@ -1,4 +1,4 @@
-"""The capture of a pulsed ranger with one photodetector: a record of its signal per shot."""
+"""Layout of the captures of a pulsed ranger with one photodetector: a record of its signal per shot."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def load() -> dict[str, Any]:
     cuda = bool(dr.has_backend(dr.JitBackend.CUDA)) and _cuda_driver_present()
     if not cuda and not dr.has_backend(dr.JitBackend.LLVM):
         raise InputError(
-            "Mitsuba's CPU backend found no libLLVM that works.",
+            "Mitsuba's CPU backend cannot load a libLLVM that works.",
             where="DRJIT_LIBLLVM_PATH",
             value=os.environ.get("DRJIT_LIBLLVM_PATH", "(not set)"),
             allowed="libLLVM 16 or newer",
@@ -105,9 +105,9 @@ def load() -> dict[str, Any]:
         # Better a message now than the process aborted in the middle of a rendering.
         early = source == "imported-before"
         raise InputError(
-            "Mitsuba was imported before beambench could choose libLLVM, and the one it found is too old."
+            "Mitsuba was imported before Beambench could choose libLLVM, and the libLLVM that it loaded is too old."
             if early
-            else "The libLLVM that Mitsuba found is too old: it aborts the process on some kernels.",
+            else "The libLLVM that Mitsuba loaded is too old: it aborts the process on some kernels.",
             where=_mapped_llvm() or "libLLVM",
             value=".".join(map(str, llvm_version)),
             allowed=f"{_OLDEST_LLVM} or newer",
