@@ -8,6 +8,7 @@ and the place where it is kept, are never sent here.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import json
@@ -16,7 +17,7 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -168,6 +169,18 @@ def _describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"[:500]
 
 
+class _HouseError(Exception):
+    """What the runner itself could not do."""
+
+
+@contextlib.contextmanager
+def _ours(what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise _HouseError(f"{what}: {_describe(error)}") from error
+
+
 class _Server:
     """An estimator that does the jobs it is sent, and reports on each."""
 
@@ -178,15 +191,22 @@ class _Server:
     def serve(self, job: dict[str, Any]) -> bool:
         """Do one job; False where the estimator cannot run on this machine at all."""
         from .estimator_labels import missing_package
+        from .house import house_failure
 
         if reason := _another(self.stage, job["modality"]):
             self.tell(event="skip", job=job["job"], message=reason)
             return True
         try:
             event = self._answer(job)
+        except _HouseError as error:
+            self.tell(event="house", job=job["job"], message=str(error))
+            return False
         except MemoryError as error:
             self.tell(event="memory", job=job["job"], message=_describe(error))
         except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result
+            if told := house_failure(error):
+                self.tell(event="house", job=job["job"], message=told)
+                return False
             absent = "" if self.warm else missing_package(error, _home(self.label))
             if absent:  # reported before the first answer, for all captures: none can be left out by choice
                 self.tell(event="refused", message=f"skip: needs the package {absent}")
@@ -201,7 +221,8 @@ class _Server:
         """The event that ends a job, with its times; none where the job asked for a warm-up only."""
         from .protocol import open_capture
 
-        capture = open_capture(Path(job["input"]), job["condition"])
+        with _ours("the capture cannot be read"):
+            capture = open_capture(Path(job["input"]), job["condition"])
         # By the declared rig, before the call: an estimator cannot leave captures out by their data.
         if reason := self.unfit(capture):
             return {"event": "skip", "message": reason}
@@ -212,7 +233,8 @@ class _Server:
         if job["only_warm"]:
             return {}
         result, figures = _measure(self.call, capture) if job["timed"] else (self.call(capture), {})
-        wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
+        with _ours("the answer cannot be written"):
+            wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
         return ({"event": "invalid", "message": wrong} if wrong else {"event": "done"}) | figures
 
 
