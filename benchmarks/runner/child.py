@@ -8,6 +8,7 @@ the truth nor its location is ever sent to this process.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import json
@@ -16,7 +17,7 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -168,6 +169,18 @@ def _describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"[:500]
 
 
+class _HouseError(Exception):
+    """What the runner itself could not do."""
+
+
+@contextlib.contextmanager
+def _ours(what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise _HouseError(f"{what}: {_describe(error)}") from error
+
+
 class _Server:
     """An estimator that carries out jobs, and reports each result."""
 
@@ -178,15 +191,22 @@ class _Server:
     def serve(self, job: dict[str, Any]) -> bool:
         """Carry out one job; return False if the estimator cannot run on this machine at all."""
         from .estimator_labels import missing_package
+        from .house import house_failure
 
         if reason := _another(self.stage, job["modality"]):
             self.tell(event="skip", job=job["job"], message=reason)
             return True
         try:
             event = self._answer(job)
+        except _HouseError as error:
+            self.tell(event="house", job=job["job"], message=str(error))
+            return False
         except MemoryError as error:
             self.tell(event="memory", job=job["job"], message=_describe(error))
         except BaseException as error:  # any exception of an estimator, SystemExit included, is a result
+            if told := house_failure(error):
+                self.tell(event="house", job=job["job"], message=told)
+                return False
             absent = "" if self.warm else missing_package(error, _home(self.label))
             if absent:  # reported before the first estimate, for all captures: an estimator cannot choose which to skip
                 self.tell(event="refused", message=f"skip: needs the package {absent}")
@@ -201,7 +221,8 @@ class _Server:
         """The event that ends a job, with its times; none for a job that is only a warm-up."""
         from .protocol import open_capture
 
-        capture = open_capture(Path(job["input"]), job["condition"])
+        with _ours("the capture cannot be read"):
+            capture = open_capture(Path(job["input"]), job["condition"])
         # Decided by the declared rig, before the call: an estimator cannot skip captures because of their data.
         if reason := self.unfit(capture):
             return {"event": "skip", "message": reason}
@@ -212,7 +233,8 @@ class _Server:
         if job["only_warm"]:
             return {}
         result, figures = _measure(self.call, capture) if job["timed"] else (self.call(capture), {})
-        wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
+        with _ours("the answer cannot be written"):
+            wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
         return ({"event": "invalid", "message": wrong} if wrong else {"event": "done"}) | figures
 
 

@@ -26,6 +26,7 @@ from ...captures.layouts import layout_of, stage_of, stages
 from ...captures.quantities import Stage
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
+from .house import HOUSE, house_error
 from .process import Child
 from .protocol import read_results
 
@@ -116,6 +117,8 @@ class Session:
     def run(self, on_outcome: Callable[[Outcome], None]) -> None:
         """Carry out all jobs, restart the child where needed, and pass each outcome on.
 
+        Raises InputError where the machine failed: no estimator is scored for that.
+
         An estimator that exceeds its limits `limits.give_up_after` times in a row is not started again. The status of its
         remaining jobs is "skip: gave up ...", which is scored like a refusal of every element.
         """
@@ -133,6 +136,8 @@ class Session:
                 assert self._child is not None
                 outcome = self._attempt(self._child, job, only_warm=False)
             assert outcome is not None
+            if outcome.status.startswith(HOUSE):
+                raise house_error(self.label, outcome.status)
             if not outcome.status.startswith(GAVE_UP):
                 exceeded = exceeded + 1 if outcome.status.startswith(("timeout:", "memory:")) else 0
             on_outcome(outcome)
@@ -238,6 +243,8 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
                         if only_warm:
                             return None, True
                         deadline = time.monotonic() + limits.time_s
+                    elif kind == "house":
+                        return _outcome(child, job, HOUSE + _line(event)), False
                     elif kind in ("error", "memory", "invalid", "skip"):
                         return _outcome(child, job, f"{kind}: {_line(event)}"), True
                     elif kind == "done":
