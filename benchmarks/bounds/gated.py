@@ -10,7 +10,9 @@ In water α' = α + h stands in the gradient: the halo h, light of the target ar
 moves with the target as a whole, and so do the answers of all estimators that obey the law of shift. With α alone the bound
 holds for those only that know the halo, and none does. The halo is left out of β and taken at the pixel's range.
 
-The pixel's amplitude and background are unknown to an estimator and so cost information. R comes from the closed forms
+The pixel's amplitude and background are unknown to an estimator and so cost information. A background of exactly 0 costs
+none: slices that show no light tell it without error if they are noise-free (J → ∞), and where all show light it is at the end
+of what is possible (b ≥ 0), where an estimator that knows this can do better than F with b free. R comes from the closed forms
 of `optics.correlation` for the scene as it truly is, and α, b, r from the capture's truth.
 """
 
@@ -88,6 +90,7 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
     outside = (
         rig.laser.energy_fluctuation > 0,
         rig.laser.jitter_frame_s > 0,
+        rig.laser.jitter_shot_s > 0,  # the mean delay of a slice's pulses scatters
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
         # The mean above is that of a still rig of points that sees past no screen.

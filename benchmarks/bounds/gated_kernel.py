@@ -52,7 +52,8 @@ def range_sigma(
                         * hermite_slope(start[g], inv_step[g], value[g], slope[g], u)
                     )
                     mu += alpha * r
-                shape = still / largest if largest > 0.0 else 1.0
+                # A background of exactly 0 is at the end of what can be: nothing is lost by not knowing it.
+                shape = still / largest if largest > 0.0 else 0.0
                 if mu <= 0.0 and r <= 0.0:
                     continue
                 x = (math.log(max(mu, 1e-300)) - log_mu0) * log_inv_step

@@ -35,6 +35,7 @@ __all__ = ["analog_noise", "waveform_bound"]
 Float = npt.NDArray[np.float64]
 
 _RTOL = 3e-6
+_LEAST_MEAN = 1e-6
 
 
 def analog_noise(readout: AnalogReadout) -> NoiseModel:
@@ -52,9 +53,13 @@ def analog_noise(readout: AnalogReadout) -> NoiseModel:
 
 
 def waveform_bound(capture: xr.Dataset) -> Bound:
-    """The bound of every shot of a generated waveform capture. `kind` is "exact", or "quasi" where energy or timing
-    fluctuate per shot. Without true scene, amplitude and background it is "none", with scales from the declared rig.
-    Raises InputError for a true scene that is none, or a rig that does not declare what is needed."""
+    """The bound of every shot of a generated waveform capture.
+
+    `kind` is "exact", or "quasi" where energy or timing fluctuate per shot, be it that of the mean of its pulses. Without
+    true scene, amplitude and background it is "none", with scales from the declared rig.
+
+    Raises InputError for a true scene that is none, or a rig that does not declare what is needed.
+    """
     if not bounded(capture, "truth_amplitude", "truth_background"):
         return unbounded(capture, lambda rig: _declared_scales(capture, rig))
     scene = true_scene(capture)
@@ -75,7 +80,9 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     mean = np.maximum(amplitude * share + background, 0.0)
     gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
     sigma = profiled_sigma(_information(rig, mean), gradient)
-    kind = "quasi" if rig.laser.energy_fluctuation > 0 or rig.laser.jitter_shot_s > 0 else "exact"
+    laser = rig.laser
+    drawn = max(laser.energy_fluctuation, laser.jitter_shot_s, laser.jitter_pulse_s) > 0
+    kind = "quasi" if drawn else "exact"
     return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, scale, window)
 
 
@@ -100,7 +107,8 @@ def _information(rig: WaveformRig, mean: Float) -> Float:
     """J (shot, sample) about the mean of a shot's samples."""
     readout = rig.detector.readout
     if isinstance(readout, SinglePhotonReadout):
-        rate = mean / rig.pulses_per_shot
+        # Without any light J is infinite: below 1e-6 a sample tells the background without error that matters.
+        rate = np.maximum(mean, _LEAST_MEAN) / rig.pulses_per_shot
         dead = pile_up.dead_bins(readout.dead_time_s, rig.record.step_s, rig.record.samples)
         _, live = pile_up.expected_counts(rate, rig.pulses_per_shot, dead)
         return pile_up.count_information(rate, live) / rig.pulses_per_shot**2

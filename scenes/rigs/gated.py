@@ -39,7 +39,9 @@ _PS = 1e-12
 
 
 class Laser(Spec):
-    """A pulsed laser. `jitter_shot_s` is drawn per pulse (broadens the response), `jitter_frame_s` per slice.
+    """A pulsed laser. `jitter_shot_s` is the rms delay of single *pulses*: it broadens the response, and the mean of the M
+    pulses of a slice scatters by 1/√M of it (a rig that records waveforms calls this `jitter_pulse_s`; its `jitter_shot_s` is
+    that of records). `jitter_frame_s` is that of whole slices. Both are drawn per slice.
 
     `source_radius_m` (0: a point): radius of an evenly bright disc across the beam, of which every point sends out the same
     profile; the `full` rung models it.
