@@ -54,11 +54,11 @@ class Estimator:
         try:
             rig = read_rig(capture)
         except InputError:
-            path, wanted = self.needs[0]
-            return f"reads rigs whose {path} is {wanted}, and the declared rig cannot be read"
-        for path, wanted in self.needs:
-            if (value := rig.get(path)) != wanted:
-                return f"reads rigs whose {path} is {wanted}, not {value}"
+            path, needed = self.needs[0]
+            return f"reads rigs whose {path} is {needed}, and the declared rig cannot be read"
+        for path, needed in self.needs:
+            if (value := rig.get(path)) != needed:
+                return f"reads rigs whose {path} is {needed}, not {value}"
         return ""
 
     def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:

@@ -55,10 +55,10 @@ def analog_noise(readout: AnalogReadout) -> NoiseModel:
 def waveform_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated waveform capture.
 
-    `kind` is "exact", or "quasi" where energy or timing fluctuate per shot, be it that of the mean of its pulses. Without
-    true scene, amplitude and background it is "none", with scales from the declared rig.
+    `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses.
+    Without true scene, amplitude or background it is "none", with scales from the declared rig.
 
-    Raises InputError for a true scene that is none, or a rig that does not declare what is needed.
+    Raises InputError for an invalid true scene, or for a declared rig that lacks a required value.
     """
     if not bounded(capture, "truth_amplitude", "truth_background"):
         return unbounded(capture, lambda rig: _declared_scales(capture, rig))
@@ -87,7 +87,7 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
 
 
 def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
-    """(scale, window) of the declared response, seen through one sampling interval."""
+    """(scale, window) of the declared response, averaged over one sampling interval."""
     half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
     step = float(rig["record"]["step_s"])
     time = np.asarray(capture["time"].values, np.float64)
@@ -96,7 +96,7 @@ def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, f
 
 
 def _share(table: Table, u: Float) -> tuple[Float, Float]:
-    """R(u) and R'(u); the slope by differences of the cubic, 1e-3 of the table's step apart."""
+    """R(u) and R'(u); the slope by differences of the cubic at a distance of 1e-3 of the table's step."""
     small = 1e-3 * table.step_s
     value = np.asarray(lookup(table, u), np.float64)
     ahead, behind = np.asarray(lookup(table, u + small)), np.asarray(lookup(table, u - small))
@@ -104,10 +104,10 @@ def _share(table: Table, u: Float) -> tuple[Float, Float]:
 
 
 def _information(rig: WaveformRig, mean: Float) -> Float:
-    """J (shot, sample) about the mean of a shot's samples."""
+    """J (shot, sample) of the means of a shot's samples."""
     readout = rig.detector.readout
     if isinstance(readout, SinglePhotonReadout):
-        # Without any light J is infinite: below 1e-6 a sample tells the background without error that matters.
+        # Without any light J is infinite: below a mean of 1e-6 the error of the background has no effect.
         rate = np.maximum(mean, _LEAST_MEAN) / rig.pulses_per_shot
         dead = pile_up.dead_bins(readout.dead_time_s, rig.record.step_s, rig.record.samples)
         _, live = pile_up.expected_counts(rate, rig.pulses_per_shot, dead)
