@@ -1,4 +1,4 @@
-"""Estimates of programs in other languages: what they read, and files as MATLAB and C++ write them, scored like the rest."""
+"""Estimates of programs in other languages: their input, and the scores of files as MATLAB and C++ write them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`generate`: what it refuses before any work, and that going on never mixes data sets."""
+"""`generate`: refusals before any work, and resuming, which never mixes data sets."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def test_the_files_of_a_scene_are_recorded_and_compared_first(
             "path": "target.0.shape.file", "name": "relief.npy", "bytes": grid.stat().st_size,
             "sha256": hashlib.sha256(grid.read_bytes()).hexdigest(),
         }  # fmt: skip
-        # Nothing in the store tells of a folder of this machine.
+        # The store contains no folder of this machine.
         assert (
             json.loads(open_captures(path).attributes(index)["truth_scene"])["target"][0]["shape"]["file"]
             == "relief.npy"

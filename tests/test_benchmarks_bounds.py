@@ -1,4 +1,4 @@
-"""The bound of every pixel against closed forms, against `optics.fisher` by another route, and its limits."""
+"""The bound of every pixel against closed forms and an independent computation with `optics.likelihood`, and its limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""In water the bound counts the halo: it holds for what a shift of the whole target tells."""
+"""In water the bound includes the information that the halo carries about a shift of the whole target."""
 
 from __future__ import annotations
 

@@ -275,7 +275,7 @@ def test_a_baseline_pulls_the_average_to_the_middle_of_the_record() -> None:
 
 
 def test_generated_waveforms_agree_with_their_own_sigma() -> None:
-    """Mean |error| over mean σ is √(2/π) for an honest σ: standard error 14 % with 30 shots, tolerance 3 of them."""
+    """Mean |error| over mean σ is √(2/π) for a correct σ: standard error 14 % with 30 shots, tolerance 3 of them."""
     from beambench.estimators import run_estimator
     from beambench.generator.generate import generate
     from beambench.scenes.load import load_scene

@@ -1,4 +1,4 @@
-"""Verdicts of a reproduction follow from its rows: nothing agrees with nothing, and a choice of ours decides nothing."""
+"""Verdicts of a reproduction follow from its rows: without a published number nothing agrees, and a value that we chose decides no verdict."""
 
 from __future__ import annotations
 

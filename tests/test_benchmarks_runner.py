@@ -1,4 +1,4 @@
-"""The runner: whatever an estimator does in its child stays there, becomes a status, and the run goes on."""
+"""The runner: every failure of an estimator stays in its child process and becomes a status, and the run continues."""
 
 from __future__ import annotations
 

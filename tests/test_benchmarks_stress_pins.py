@@ -1,4 +1,4 @@
-"""Stress axes and suites mean what they always meant: every axis on every library scene, and every suite that ships.
+"""Stress axes and suites keep their meaning: every axis on every library scene, and every built-in suite.
 
 The two pinned tables were written by these functions from the code before kinds of rig said what a stress means on them
 and before suites had variants (commit fb3cdd1). They change only with a deliberate change of what a name means.
@@ -22,7 +22,7 @@ from beambench.scenes.rigs import RIGS
 AXES_PINNED = Path(__file__).parent / "pinned_stress_axes.json"
 SUITES_PINNED = Path(__file__).parent / "pinned_suites.json"
 
-#: Scenes that no file of the library holds: options and shapes that an axis asks for.
+#: Scenes that are not in the library, with options and shapes that some axes need.
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "flat-wall+intensifier": ("flat-wall", {"rig.detector.intensifier": {
         "gain": 50.0, "excess_noise_factor": 2.0, "phosphor_sigma_px": 0.5}}),
@@ -103,7 +103,7 @@ def axes_table() -> dict[str, Any]:
 
 
 def suites_table() -> dict[str, Any]:
-    """suite -> its hash, and that of the captures it asks for: axes, levels, seeds, keys and scenes without their titles."""
+    """suite -> its hash, and that of its captures: axes, levels, seeds, keys and scenes without their titles."""
     table = {}
     for name in list_suites():
         loaded = load_suite(name)

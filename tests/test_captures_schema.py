@@ -1,4 +1,4 @@
-"""The contract of captures: what is built passes, and what breaks the contract is refused by name."""
+"""The layout of captures: built captures are valid, and breaches are refused with the name of the variable."""
 
 from __future__ import annotations
 

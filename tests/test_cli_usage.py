@@ -1,4 +1,4 @@
-"""The command line as a user types it."""
+"""The command line: help, messages, exit codes and completion."""
 
 from __future__ import annotations
 

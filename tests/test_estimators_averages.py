@@ -114,7 +114,7 @@ def test_the_printed_model_and_its_companion_differ_by_the_cosine() -> None:
     # Sampling at 2.4 steps per σ is exact to 1e-12; the declared samples widen R by 1e-4 of its width, float32 6e-8.
     np.testing.assert_allclose(printed, expected / cos, rtol=2e-7)
     np.testing.assert_allclose(other, expected * cos / ray, rtol=2e-7)
-    # An angle that is given is the corner's, whatever the beam.
+    # A given angle is that of the corner, for any beam.
     corner = np.cos(np.hypot(x, y) / np.hypot(15, 10) * 0.3)
     given = run_estimator("chua-2017[phi=0.3]", capture)["range"].values
     np.testing.assert_allclose(given, expected / corner, rtol=2e-7)

@@ -179,7 +179,7 @@ def _is_clean(data: np.ndarray) -> bool:
 
 
 def _claim(result: xr.Dataset, where: object) -> None:
-    """Call elements valid, whatever their range is."""
+    """Mark elements as valid, for any range."""
     result["valid"].values[where] = True  # type: ignore[index]
 
 

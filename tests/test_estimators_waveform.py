@@ -1,4 +1,4 @@
-"""Waveform estimators: bounds met, quantisation of the counter, walk, pile-up undone, and the laws."""
+"""Waveform estimators: attained bounds, quantisation of the counter, walk error, corrected pile-up, and the laws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""generate(): what a capture holds, and that it can be made again to the bit."""
+"""generate(): the contents of a capture, and its exact repetition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Generated waveforms against closed forms: place, energy, shape, noise, pile-up; determinism, and scenes refused."""
+"""Generated waveforms against closed forms: delay, energy, shape, noise, pile-up; determinism, and refused scenes."""
 
 from __future__ import annotations
 

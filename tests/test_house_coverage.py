@@ -1,4 +1,4 @@
-"""docs/coverage.csv names every equation, figure and table of Guo et al. 2017 and Kusters 1992, and tells the truth about each."""
+"""docs/coverage.csv names every equation, figure and table of Guo et al. 2017 and Kusters 1992, and its entries are correct."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The rooms of the house: their written order, no circles, no borrowed private names, short functions, and modalities that
-stand only in their own files and in the tables."""
+"""The rooms of the floors: their order, no import circles, no private names across files, short functions, and modalities only
+in their own files and in the tables."""
 
 from __future__ import annotations
 

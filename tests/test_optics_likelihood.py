@@ -183,7 +183,7 @@ def test_saturation_takes_the_information() -> None:
         ]
         assert share[0] == pytest.approx(1.0, abs=2e-3) and share[-1] < 1e-5
         assert np.all(np.diff(share) < 1e-3)
-        # At the clip half the samples are lost; their fraction still tells: ½ + (∫φz over half)²/½ = ½ + 1/π, to 1/√μ.
+        # At the clip half the samples are lost; their fraction still holds information: ½ + (∫φz over half)²/½ = ½ + 1/π, to 1/√μ.
         assert share[6] == pytest.approx(0.5 + 1.0 / np.pi, abs=0.03)
 
 

@@ -1,4 +1,4 @@
-"""What a run says in words, and the numbers and pictures behind it."""
+"""The summary of a run in words, and its numbers and pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Textured albedo: where its values lie on every kind of surface, what they do to echoes and truth, and bad files."""
+"""Textured albedo: its position on every kind of surface, its effect on echoes and truth, and invalid files."""
 
 from __future__ import annotations
 
