@@ -1,4 +1,4 @@
-"""Verdicts of a reproduction follow from its rows: without a published number nothing agrees, and a value that we chose decides no verdict."""
+"""Verdicts of a reproduction follow from its rows: nothing agrees without a published number, and our choices decide no verdict."""
 
 from __future__ import annotations
 
