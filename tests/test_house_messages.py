@@ -23,9 +23,13 @@ VALUE = "\N{BULLET}"
 #: The same for the text of another InputError, which is a sentence of its own.
 SENTENCE = "\N{BLACK SQUARE}"
 
+#: Functions that take a message, with the place and the name of that argument.
+TAKES = {"InputError": (0, "what"), "record_of": (2, "missing")}
+
 #: (file, argument): messages that are composed elsewhere, each with the reason why it is a sentence.
 COMPOSED = {
     ("scenes/errors.py", "what"): "an InputError rebuilt from its own parts, in another process",
+    ("scenes/records.py", "missing"): "an argument of `record_of`, whose calls are read too",
     (
         "scenes/validate.py",
         "what.get(first['type'], 'A value is not allowed.')",
@@ -36,15 +40,17 @@ COMPOSED = {
 
 
 def messages(tree: ast.AST) -> Iterator[tuple[int, str | None, str]]:
-    """(line, text, source) of the first argument of every `InputError`; once for each text that the argument can be.
+    """(line, text, source) of the message of every `InputError`; once for each text that the message can be.
 
     A text is None where the argument is no literal. Placeholders of f-strings become `VALUE` or `SENTENCE`.
     """
     for node in ast.walk(tree):
-        if not isinstance(node, ast.Call) or getattr(node.func, "id", getattr(node.func, "attr", "")) != "InputError":
+        called = getattr(node.func, "id", getattr(node.func, "attr", "")) if isinstance(node, ast.Call) else ""
+        if not isinstance(node, ast.Call) or called not in TAKES:
             continue
+        place, name = TAKES[called]
         keywords = {keyword.arg: keyword.value for keyword in node.keywords}
-        argument = node.args[0] if node.args else keywords.get("what")
+        argument = node.args[place] if len(node.args) > place else keywords.get(name)
         if argument is None:
             yield node.lineno, None, "**" if None in keywords else ""
             continue
@@ -130,6 +136,7 @@ def test_every_message_is_a_sentence_in_plain_english(project: Path) -> None:
         ('InputError("The capture does not tell its scene.")', "'tell'"),
         ('InputError("What is there is not a store.")', "'what is there'"),
         ('InputError("The end..")', "two full stops"),
+        ('record_of(LAYOUTS, modality, "no such modality.", where)', "capital letter"),
         ("InputError(message)", "not a literal"),
         ("InputError(**parts)", "not a literal"),
     ],
