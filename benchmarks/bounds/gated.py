@@ -8,7 +8,8 @@ its mean (Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC, `optics.fisher`) and gradients
 
 In water α' = α + h stands in the gradient: the halo h, light of the target around, is no share of the pixel's own range, but
 moves with the target as a whole, and so do the answers of all estimators that obey the law of shift. With α alone the bound
-holds for those only that know the halo, and none does. The halo is left out of β and taken at the pixel's range.
+holds for those only that know the halo, and none does. The halo is taken at the pixel's range and as sharp as R, and β as
+known beside it (its late tail would be taken for light that stands still): the bound is "quasi" there, and not too high.
 
 The pixel's amplitude and background are unknown to an estimator and so cost information. A background of exactly 0 costs
 none: slices that show no light tell it without error if they are noise-free (J → ∞), and where all show light it is at the end
@@ -46,7 +47,7 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     """The bound of every pixel of a generated capture (with its truth).
 
     `kind` is "exact", or "quasi" where the capture holds something that the likelihood above does not: pulse energy or
-    delay that fluctuate per slice, correlated noise of a phosphor, averaged counts, a lens or lamp of finite size, a rig
+    delay that fluctuate per slice, a halo, correlated noise of a phosphor, averaged counts, a lens or lamp of finite size, a rig
     that moves, a screen. Fixed patterns (PRNU, DSNU) are per-pixel constants and part of the profiled amplitude and
     background.
 
@@ -93,6 +94,7 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
         rig.laser.jitter_shot_s > 0,  # the mean delay of a slice's pulses scatters
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
+        bool(halo_of(capture).any()),
         # The mean above is that of a still rig of points that sees past no screen.
         rig.camera.focus_distance_m is not None or rig.laser.source_radius_m > 0.0,
         rig.motion_m_per_s is not None or rig.screen is not None,
