@@ -123,6 +123,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
     write_tables(folder, rows)
+    run.warnings += _doubts(folder)
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
     run.stages["tables"] = time.perf_counter() - tick
@@ -150,6 +151,15 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
         )
         progress("report", 1, 1, page.name)
     return RunResult(folder, rows, run.warnings, run.failures, page, 0.0, run.stages)
+
+
+def _doubts(folder: Path) -> list[str]:
+    """A warning for every result that is better than its bound."""
+    from .report.above_bound import above_bound
+    from .report.data import cells_of as pooled
+    from .scores.tables import read_scores
+
+    return [f"BoundWarning: {sentence}" for sentence in above_bound(pooled(read_scores(folder)))]
 
 
 def _file_name(cell: Cell) -> str:

@@ -8,8 +8,9 @@ sample about its mean (Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC, `optics.fisher`) 
 
 In water the gradient holds α + h in place of α. The halo h, light from the target around the pixel, does not depend on the
 pixel's own range, but it moves with the target as a whole, and so do the estimates of all estimators that obey the law of
-shift. With α alone the bound would hold only for estimators that know the halo, and none does. The halo is not part of β; it
-is taken at the pixel's range.
+shift. With α alone the bound would hold only for estimators that know the halo, and none does. The halo is taken at the pixel's
+range and as sharp as R, and β as known beside it (its late tail would be taken for light that stands still): the bound is
+"quasi" there, and not too high.
 
 An estimator does not know amplitude and background of the pixel, which costs information. A background of exactly 0 costs
 none: if slices without light are noise-free they determine it without error (J → ∞); if all slices show light it is at the
@@ -47,8 +48,8 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     """The bound of every pixel of a generated capture (with its truth).
 
     `kind` is "exact", or "quasi" if the capture has an effect that the likelihood above does not include: pulse energy or
-    delay that fluctuate from slice to slice, correlated noise of a phosphor, averaged counts, a lens or lamp of finite size,
-    a moving rig, a screen. Fixed patterns (PRNU, DSNU) are constants of each pixel, and part of the profiled amplitude and
+    delay that fluctuate from slice to slice, a halo, correlated noise of a phosphor, averaged counts, a lens or lamp of finite
+    size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are constants of each pixel, and part of the profiled amplitude and
     background.
 
     A capture without its true scene, amplitude or background (surveyed, or measured by a reference instrument) has no
@@ -94,6 +95,7 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
         rig.laser.jitter_shot_s > 0,  # the mean delay of a slice's pulses scatters
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
+        bool(halo_of(capture).any()),
         # The mean above is that of a rig at rest with point-like lens and lamp, and without a screen.
         rig.camera.focus_distance_m is not None or rig.laser.source_radius_m > 0.0,
         rig.motion_m_per_s is not None or rig.screen is not None,

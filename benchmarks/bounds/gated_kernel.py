@@ -53,7 +53,8 @@ def range_sigma(
                     )
                     mu += alpha * r
                 # A background of exactly 0 is at the end of what can be: nothing is lost by not knowing it.
-                shape = still / largest if largest > 0.0 else 0.0
+                # Beside a halo what stands still cannot be told from the halo's late tail: it is taken as known.
+                shape = still / largest if largest > 0.0 and halo[i, j] == 0.0 else 0.0
                 if mu <= 0.0 and r <= 0.0:
                     continue
                 x = (math.log(max(mu, 1e-300)) - log_mu0) * log_inv_step

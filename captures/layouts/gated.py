@@ -39,7 +39,8 @@ _GATED = (
     truth("truth_first", "row col", REAL, "m", "range of the nearest sub-sample"),
     truth("truth_last", "row col", REAL, "m", "range of the farthest sub-sample"),
     truth(
-        "truth_amplitude", "row col", REAL, "electron", "photoelectrons at an open gate of transmission 1",
+        "truth_amplitude", "row col", REAL, "electron",
+        "photoelectrons at an open gate of transmission 1 of light that was reflected once and not scattered",
         required=False, channel=True,
     ),
     truth(
@@ -48,7 +49,8 @@ _GATED = (
     ),
     truth(
         "truth_halo", "row col", REAL, "electron",
-        "target light scattered into the pixel, beside truth_amplitude, at an open gate; part of truth_background",
+        "target light scattered forward into the pixel, at an open gate, by the small-angle picture (paths traced by the "
+        "rung `full` hold up to a sixth more of it under wide beams); part of truth_background",
         required=False,
     ),
     truth(

@@ -76,7 +76,8 @@ def expect(scene: Scene, request: Request) -> Expected[Footprint]:
         "valid": True,
     }
     dark = (no_light(scene, "sample", f"the record {setting[0]:.4g} … {setting[-1]:.4g} s"),)
-    return Expected(expected, coords, truth, beam.tau.size, beam, () if float(signal.max()) > 0 else dark)
+    shown = float(signal.max()) > 0 or (ramp is not None and float(water.max()) > 0)
+    return Expected(expected, coords, truth, beam.tau.size, beam, () if shown else dark)
 
 
 def read(scene: Scene, expected: Expected[Footprint], request: Request) -> NDArray[np.uint16]:
