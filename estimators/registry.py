@@ -15,7 +15,7 @@ import xarray as xr
 from ..captures.layouts import stage_of
 from ..captures.quantities import Stage
 from ..scenes.errors import InputError
-from .builtin import BUILTIN
+from .builtin import BUILTIN, WITHHELD
 from .labels import check_parameters, format_label, parse_label
 from .result import check_result
 from .rig import read_rig
@@ -153,8 +153,14 @@ def _describe(name: str, function: Any, where: str) -> Estimator:
 
 
 def get_estimator(name: str) -> Estimator:
-    """The estimator called `name`. Raises InputError where it is unknown, unmarked or cannot be imported."""
+    """The estimator called `name`. Raises InputError where it is unknown, withheld, unmarked or cannot be imported."""
     targets = _targets()
+    if name not in targets and name in WITHHELD:
+        why, ours = WITHHELD[name]
+        raise InputError(
+            why, where="estimators", value=name, allowed=", ".join(sorted(targets)),
+            next_step=f"did you mean {ours}, which had this name before?",
+        )  # fmt: skip
     if name not in targets:
         import difflib
 

@@ -201,5 +201,5 @@ def test_grazing_walls_of_equation_4_are_generated_and_read(angle_deg: float) ->
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GenerationWarning)
         capture = hide_truth(generate(scene, seed=1))
-    for name in ("chua-2016", "chua-2017", "chua-2017-orthogonal", "weighted-average", "poisson-ml"):
+    for name in ("radiometric-average", "chua-2017", "chua-2017-orthogonal", "weighted-average", "poisson-ml"):
         _checked(name, capture)

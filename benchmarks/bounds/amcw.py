@@ -21,7 +21,9 @@ from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.amcw import AmcwRig, amcw_rig
+from ...scenes.scene import Scene
 from ..scores.truth import Bound
+from .footprint import footprint_std_s, is_wide
 from .instrument import bounded, true_scene, unbounded
 from .profiled import profiled_sigma
 
@@ -34,7 +36,8 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated AMCW capture.
 
     `scale` is the standard deviation of a uniform error over half the shortest modulation wavelength, λ_m/(2√12), so that an
-    error of one cycle counts as a failure. `kind` is "exact", or "quasi" if the power fluctuates from shot to shot; "none"
+    error of one cycle counts as a failure. `kind` is "exact", or "quasi" if the power fluctuates from shot to shot, or if the
+    footprint of any shot spreads the phase of the highest frequency by more than a tenth of a radian (it loses contrast); "none"
     without true scene and amplitude, with scales from the declared rig. Raises InputError for an invalid true scene, or for a
     declared rig that lacks a required value.
     """
@@ -59,8 +62,15 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     gradient = np.stack([-depth * omega * np.sin(turn) / half, np.ones_like(turn), np.cos(turn)])
     information = np.asarray(information_table(amcw_noise(rig))(mean), np.float64)
     sigma = profiled_sigma(information, gradient)
-    kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
+    kind = "quasi" if rig.laser.power_fluctuation > 0 or _is_wide(scene, rig, float(omega.max())) else "exact"
     return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, scale, window)
+
+
+def _is_wide(scene: Scene, rig: AmcwRig, omega: float) -> bool:
+    field = math.atan2(0.5 * rig.detector.active_diameter_m, rig.receiver.focal_length_m)
+    reach = rig.scan_half_angle_rad
+    angle = np.linspace(-reach, reach, rig.shots) if rig.shots > 1 else np.zeros(1)
+    return is_wide(footprint_std_s(scene, rig.laser.illumination, rig.laser.wavelength_m, field, angle), 1.0 / omega)
 
 
 def _shortest_scale(frequency: Float, index: float) -> float:

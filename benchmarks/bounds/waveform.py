@@ -26,7 +26,9 @@ from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
+from ...scenes.scene import Scene
 from ..scores.truth import Bound
+from .footprint import footprint_std_s, is_wide
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 from .profiled import profiled_sigma
 
@@ -55,8 +57,9 @@ def analog_noise(readout: AnalogReadout) -> NoiseModel:
 def waveform_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated waveform capture.
 
-    `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses.
-    Without true scene, amplitude or background it is "none", with scales from the declared rig.
+    `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses, or if
+    the footprint of any shot spreads its echo by more than a tenth of the response. Without true scene, amplitude or
+    background it is "none", with scales from the declared rig.
 
     Raises InputError for an invalid true scene, or for a declared rig that lacks a required value.
     """
@@ -82,8 +85,15 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     sigma = profiled_sigma(_information(rig, mean), gradient)
     laser = rig.laser
     drawn = max(laser.energy_fluctuation, laser.jitter_shot_s, laser.jitter_pulse_s) > 0
-    kind = "quasi" if drawn else "exact"
+    kind = "quasi" if drawn or _is_wide(scene, rig, scale / half) else "exact"
     return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, scale, window)
+
+
+def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:
+    field = math.atan2(0.5 * rig.detector.active_diameter_m, rig.receiver.focal_length_m)
+    reach = rig.record.scan_half_angle_rad
+    angle = np.linspace(-reach, reach, rig.record.shots) if rig.record.shots > 1 else np.zeros(1)
+    return is_wide(footprint_std_s(scene, rig.laser.illumination, rig.laser.wavelength_m, field, angle), response_s)
 
 
 def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
