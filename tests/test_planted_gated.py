@@ -95,6 +95,20 @@ def test_the_corner_against_the_centre(vignetting: str, power: int) -> None:
     assert light[4, 8] / light[4, 4] == pytest.approx(edge**power, rel=3e-3)
 
 
+# --- speed of a pulse ---------------------------------------------------------------------------------------------
+
+
+def test_a_pulse_travels_at_the_group_index() -> None:
+    """Phase index 1.30, group index 1.37: half of the light is in where the gate opens 2 n_g r/c after the pulse.
+
+    At the phase index the echo would come 2.3 ns earlier, five σ of the pulse. The pixel's ray is longer by 2e-5.
+    """
+    index = {"kind": "explicit", "phase": 1.30, "group": 1.37}
+    for early, share in ((0.0, 0.5), (SIGMA_P, float(ndtr(1.0))), (-SIGMA_P, float(ndtr(-1.0)))):
+        capture = stack({"medium.index": index, "rig.gates": GATE_10, "rig.delays": slices_at(1.37 * TAU - early, 1)})
+        np.testing.assert_allclose(expected(capture)[0], share, atol=2e-3)
+
+
 # --- what is drawn per slice --------------------------------------------------------------------------------------
 
 

@@ -235,7 +235,9 @@ def campaign(mutants: Sequence[Mutant], folder: Path, jobs: int, limit_s: float)
 
 def _arguments(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m beambench.benchmarks.checks.mutants", description=__doc__)
-    parser.add_argument("--only", default="", metavar="TEXT", help="versions with TEXT in their name, file or tests")
+    parser.add_argument(
+        "--only", action="append", metavar="TEXT", help="versions with TEXT in name, file or tests; may be repeated"
+    )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="versions at a time, each in its own copy")
     parser.add_argument("--limit", type=float, default=300.0, metavar="SECONDS", help="of one version's tests")
     parser.add_argument("--folder", default=None, help="keep the copies and their compiled functions there")
@@ -247,12 +249,12 @@ def main(arguments: Sequence[str]) -> int:
     """Run the campaign and print its table; see above."""
     options = _arguments(arguments)
     try:
-        text = options.only
-        chosen = [m for m in read_mutants() if any(text in part for part in (m.name, m.file, *m.tests))]
+        texts = options.only or [""]
+        chosen = [m for m in read_mutants() if any(t in part for t in texts for part in (m.name, m.file, *m.tests))]
         if not chosen or options.jobs < 1 or not options.limit > 0:
             raise InputError(
                 "There is nothing to run.", where="--only, --jobs, --limit",
-                value=(text, options.jobs, options.limit), allowed="a text of some version, 1 or more, above 0 s",
+                value=(texts, options.jobs, options.limit), allowed="a text of some version, 1 or more, above 0 s",
             )  # fmt: skip
         with tempfile.TemporaryDirectory(prefix="beambench-mutants-") as temporary:
             outcomes = campaign(chosen, Path(options.folder or temporary).resolve(), options.jobs, options.limit)
