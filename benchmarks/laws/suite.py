@@ -216,7 +216,7 @@ def _spoilt(run: Run, maker: Maker, capture: xr.Dataset) -> str:
     mean, rms = abs(float(z.mean())), float(np.sqrt((z**2).mean()))
     if mean <= SPOILT_ERRORS / np.sqrt(z.size) and rms <= 1 + SPOILT_ERRORS / np.sqrt(2 * z.size):
         return ""
-    return f"{z.size} {maker.layout.noun}s are answered, and moved by {mean:.2g} in the mean, {rms:.2g} rms, of their sigma."
+    return f"The {z.size} {maker.layout.noun}s answered move by {mean:.2g} of their sigma in the mean, {rms:.2g} rms."
 
 
 def _unsound(result: xr.Dataset, maker: Maker) -> str:
