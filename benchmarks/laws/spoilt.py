@@ -37,7 +37,7 @@ def _clipped(maker: Maker, number: int) -> xr.Dataset | None:
 
     def clip(data: Array) -> Array:
         held.append(int(np.median(np.sort(data, axis=0)[-number])))
-        return np.minimum(data, data.dtype.type(held[0]))
+        return np.asarray(np.minimum(data, data.dtype.type(held[0])))
 
     capture = maker.changed(clip)
     # A sample counts as clipped from 4 standard deviations of the read noise below the full well on; .25 DN for rounding.

@@ -92,7 +92,7 @@ class WaveformRecord:
 
     def brightest(self) -> npt.NDArray[np.intp]:
         """Index of the brightest sample of each shot (shot); clipped samples count, missing and dead ones do not."""
-        return np.argmax(np.where(self.good | (self.z > 0), self.z, -np.inf), axis=1)
+        return np.asarray(np.argmax(np.where(self.good | (self.z > 0), self.z, -np.inf), axis=1), np.intp)
 
     def near(self, at: npt.NDArray[np.intp]) -> Bool:
         """Samples that an echo may reach whose brightest sample is `at` (shot): (shot, sample)."""
@@ -138,7 +138,7 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
         noise = (1.0, 0.0)
     else:
         converter, tube = rig.converter("detector.readout"), rig.amplifier("detector.readout.avalanche")
-        clipped = (raw >= converter.saturation_dn).any(axis=1)
+        clipped = np.asarray((raw >= converter.saturation_dn).any(axis=1))
         good &= (raw < converter.saturation_dn) & (raw > converter.dead_dn)
         counts = np.where(np.isfinite(raw), raw, converter.offset_dn).astype(np.float64) - converter.offset_dn
         z = counts / (converter.gain_dn_per_e * tube.gain)
