@@ -123,16 +123,16 @@ def _checked_file() -> type:
                 file.write(body + hashlib.sha256(body).digest())
 
         def _load_index(self) -> Any:
-            return super()._load_index() if _whole(Path(self._index_path)) else {}
+            return super()._load_index() if _whole(Path(self._index_path)) else {}  # type: ignore[no-untyped-call]
 
         def _load_data(self, name: str) -> Any:
-            if not _whole(Path(self._data_path(name))):
+            if not _whole(Path(self._data_path(name))):  # type: ignore[no-untyped-call]
                 raise OSError(f"damaged: {name}")  # which Numba takes as a file to make anew
-            return super()._load_data(name)
+            return super()._load_data(name)  # type: ignore[no-untyped-call]
 
         def save(self, key: Any, data: Any) -> None:
             with contextlib.suppress(OSError):  # a full disk ends no calculation: the function is compiled all the same
-                super().save(key, data)
+                super().save(key, data)  # type: ignore[no-untyped-call]
 
     return CheckedFile
 
