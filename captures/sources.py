@@ -19,7 +19,8 @@ _LIBRARY = "library:"
 
 
 def source_files(scene: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Record of each file that a scene names: `path` of its key in the scene, bare `name`, `bytes` and `sha256` in hex.
+    """Of each file that a scene names: `path` of its key in the scene, bare `name`, `bytes` and `sha256` in hex. Files that hold
+    the numbers of a mesh file follow it, with their own name after that of the key.
 
     Main arguments:
         scene: the scene as plain data, with names that lead to the files.
@@ -30,6 +31,9 @@ def source_files(scene: Mapping[str, Any]) -> list[dict[str, Any]]:
     for key, _, spec in _named(scene):
         size, digest = _fingerprint(spec["file"], key)
         found.append({"path": key, "name": _bare(spec["file"]), "bytes": size, "sha256": digest})
+        for name, path in _beside(spec["file"], key):
+            size, digest = _fingerprint(str(path), key)
+            found.append({"path": f"{key}/{name}", "name": name, "bytes": size, "sha256": digest})
     return found
 
 
@@ -82,6 +86,9 @@ def find_sources(
                 next_step=f"put it beside the store, or state its path: --set {key}=PATH",
             )  # fmt: skip
         spec["file"] = _matching(there, kept.get(key), f"{where}: {key}")
+        for beside, path in _beside(spec["file"], key):
+            if (then := kept.get(f"{key}/{beside}")) is not None:
+                _matching([str(path)], then, f"{where}: {key}")
     if asked:
         raise InputError(
             "The option --like repeats a store from its own records, which cannot be changed.", where="--set",
@@ -126,6 +133,16 @@ def _named(scene: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]
             spec = item.get(part) if isinstance(item, dict) else None
             if isinstance(spec, dict) and isinstance(spec.get("file"), str):
                 yield f"target.{index}.{part}.file", f"target.{item.get('name')}.{part}.file", spec
+
+
+def _beside(file: str, where: str) -> list[tuple[str, Path]]:
+    """(name, path) of the files that hold the numbers of a mesh file, such as the .bin of a .gltf."""
+    from ..scenes.meshes import resolve_file
+    from ..scenes.readers.mesh_file import side_files
+
+    path = resolve_file(file, where)
+    folder = path.resolve().parent
+    return [(side.relative_to(folder).as_posix(), side) for side in side_files(path)]
 
 
 def _bare(file: str) -> str:

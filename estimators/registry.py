@@ -15,6 +15,7 @@ import xarray as xr
 from ..captures.layouts import stage_of
 from ..captures.quantities import Stage
 from ..scenes.errors import InputError
+from ..scenes.forks import refuse_forked
 from .builtin import BUILTIN, WITHHELD
 from .labels import check_parameters, format_label, parse_label
 from .result import check_result
@@ -63,6 +64,7 @@ class Estimator:
 
     def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:
         """Run on a capture; parameters and result are checked. Raises InputError."""
+        refuse_forked()
         checked = check_parameters(self.function, params, where=self.name)
         if not self.stage.reads_captures:
             raise InputError(

@@ -22,7 +22,9 @@ ORDER: dict[str, tuple[str, ...]] = {
         "constants", "jit", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry", "illumination",
         "reflection", "ladar", "likelihood", "pile_up", "time_of_flight",
     ),
-    "scenes": ("rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load"),
+    "scenes": (
+        "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
+    ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example",
         "export", "contents",

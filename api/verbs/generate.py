@@ -65,8 +65,9 @@ def generate(
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..benchmarks.datasets.items import items_of
+    from ..scenes.places import local_path
 
-    place, changes = None if out is None else Path(out).expanduser(), dict(overrides or {})
+    place, changes = None if out is None else local_path(out), dict(overrides or {})
     if like is not None:
         given = {
             "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,

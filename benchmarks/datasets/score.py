@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...estimators.labels import parse_label, split_label
 from ...scenes.errors import InputError
+from ...scenes.forks import refuse_forked
 
 if TYPE_CHECKING:
     from ...captures import CaptureSet
@@ -28,6 +29,7 @@ def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[d
     Raises:
         InputError: No store, no truth, no estimates, estimates that do not fit, or two with the same label.
     """
+    refuse_forked()
     from ...captures import open_captures
     from ...captures.estimates import list_estimates, read_estimates
     from ...captures.sizes import sizes_of

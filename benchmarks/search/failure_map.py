@@ -103,9 +103,13 @@ def check_levels(levels: Sequence[float], axis: str) -> list[float]:
     return list(map(float, levels))
 
 
-def _middle(a: float, b: float, log: bool) -> float:
-    """The middle, rounded to few digits, as levels are printed in tables and used in keys of random streams."""
+def _middle(a: float, b: float, log: bool, whole: bool = False) -> float:
+    """Half-way, in few digits: levels stand in tables and in the keys of random streams. `whole`: a whole number; NaN where
+    there is none between."""
     exact = math.sqrt(a * b) if log else 0.5 * (a + b)
+    if whole:
+        low, high = math.floor(min(a, b)) + 1, math.ceil(max(a, b)) - 1
+        return float(min(max(round(exact), low), high)) if low <= high else math.nan
     for digits in range(3, 17):
         rounded = float(f"{exact:.{digits}g}")
         if min(a, b) < rounded < max(a, b) and abs(rounded - exact) <= 0.05 * abs(b - a):
@@ -186,15 +190,16 @@ def refine_axis(
     budget: int = 16,
     resolution: float = 0.01,
     axis: str = "axis",
+    whole: bool = False,
 ) -> EdgeMap:
     """Measure failure rates along an axis and halve the levels around each edge.
 
     Main arguments:
         evaluate: returns the trials at given points, each (level,). levels: first levels, from benign to breaking.
     Other arguments:
-        targets: failure rates whose levels are searched for. budget: largest number of measured levels.
-        resolution: fraction of the span (of its logarithm, if the levels span a factor of 8) below which an interval is not
-            halved further.
+        targets: failure rates whose levels are sought. budget: the most levels measured.
+        resolution: share of the span (of its logarithm, where the levels span a factor of 8) below which an interval is
+            not halved further. whole: levels are whole numbers, and neighbours are not halved.
 
     Raises:
         InputError: fewer than two levels, or levels that neither rise nor fall throughout.
@@ -207,7 +212,7 @@ def refine_axis(
         measured = found.ordered(first)
         requested: list[float] = []
         for target in targets:
-            requested += _halves(_bracket(measured, found.trials, target, budget), scale, resolution)
+            requested += _halves(_bracket(measured, found.trials, target, budget), scale, resolution, whole)
         new = [level for level in dict.fromkeys(requested) if (level,) not in found.trials]
         new = new[: budget - len(measured)]
         if not new:
@@ -218,8 +223,8 @@ def refine_axis(
     return found
 
 
-def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution: float) -> list[float]:
-    """The level that narrows a bracket most: the middle of the wider gap between a decided level and its neighbour."""
+def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution: float, whole: bool) -> list[float]:
+    """The level that narrows a bracket most: the middle of the wider gap between a certain level and the next."""
     start, between, end = bracket
     chain = [level for level in (start, *between, end) if not math.isnan(level)]
     gaps = []
@@ -227,7 +232,8 @@ def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution:
         certain = a == start or b == end
         width = abs(scale.position(b) - scale.position(a))
         if certain and width > resolution:
-            gaps.append((width, _middle(a, b, scale.log)))
+            gaps.append((width, _middle(a, b, scale.log, whole)))
+    gaps = [gap for gap in gaps if not math.isnan(gap[1])]
     return [max(gaps)[1]] if gaps else []
 
 
@@ -240,9 +246,11 @@ def refine_grid(
     depth: int = 2,
     axis: str = "axis",
     axis2: str = "axis2",
+    whole: tuple[bool, bool] = (False, False),
 ) -> EdgeMap:
     """Measure failure rates over two axes and halve, `depth` times, the cells whose corners lie on both sides of a
-    target. A cell is a rectangle between measured points; far from the edge it stays coarse.
+    target. A cell is a rectangle between measured points: far from the edge it stays coarse. `whole`: which axis takes whole
+    numbers only; a cell that has none inside is not halved along it.
 
     Raises:
         InputError: fewer than two levels, or levels that neither rise nor fall throughout.
@@ -264,9 +272,11 @@ def refine_grid(
         found.cells += [cell for cell in cells if cell not in split]
         cells, points = [], []
         for a, b, c, d in split:
-            x, y = _middle(a, b, logs[0]), _middle(c, d, logs[1])
-            cells += [(a, x, c, y), (a, x, y, d), (x, b, c, y), (x, b, y, d)]
-            points += [(x, y), (a, y), (b, y), (x, c), (x, d)]
+            x, y = _middle(a, b, logs[0], whole[0]), _middle(c, d, logs[1], whole[1])
+            along = [(a, b)] if math.isnan(x) else [(a, x), (x, b)]
+            across = [(c, d)] if math.isnan(y) else [(c, y), (y, d)]
+            cells += [(*side, *other) for side in along for other in across]
+            points += [(p, q) for p in sorted({*sum(along, ())}) for q in sorted({*sum(across, ())})]
         measure(points)
     found.cells += cells
     found.budget = len(found.trials)

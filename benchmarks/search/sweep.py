@@ -23,7 +23,7 @@ from ..runner.estimator_labels import Chosen, check_estimators
 from ..scores.tables import write_tables
 from ..statistics.skips import not_applicable, skips_of
 from ..suites.spec import Split, Stress, check_split
-from ..suites.stress import axis_unit, stressed
+from ..suites.stress import axis_unit, stressed, takes_whole_numbers
 from ..suites.suite import CELL_NONE, Cell, Loaded, capture_key, load_suite
 from .bench import Bench, trials_of
 from .breakdown import VARIANTS, breakdown_row, calm_level, change_in_bounds, map_rows, write_breakdown
@@ -243,15 +243,21 @@ class _Sweep:
                 return {point: store[label, point] for point in points}
 
             if stress.axis2 is None:
-                found = refine_axis(evaluate, stress.values, budget=self.budget, axis=stress.axis)
+                found = refine_axis(
+                    evaluate, stress.values, budget=self.budget, axis=stress.axis, whole=self._whole(stress.axis)
+                )
                 self.rows.append(self._row(stress, one, found))
             else:
                 found = refine_grid(
-                    evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2
-                )
+                    evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2,
+                    whole=(self._whole(stress.axis), self._whole(stress.axis2)),
+                )  # fmt: skip
                 self.cells[curve_name(one.label, self.bench.condition), stress.axis, stress.axis2] = found.cells
             self.maps += map_rows(self._key(stress, one), found)
         self.progress(f"{stress.axis} edge", len(self.chosen), len(self.chosen), "")
+
+    def _whole(self, axis: str) -> bool:
+        return any(takes_whole_numbers(scene, axis) for _, scene in self.loaded.scenes)
 
     def _measure(
         self, store: dict[tuple[str, Point], list[Trial]], stress: Stress, point: Point, labels: Sequence[str]

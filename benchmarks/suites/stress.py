@@ -18,7 +18,7 @@ from ...scenes.scene import Scene
 from .changes import Overrides
 from .stress_axes import AXES, Axis
 
-__all__ = ["AXES", "Axis", "axis_overrides", "axis_unit", "list_axes", "stressed"]
+__all__ = ["AXES", "Axis", "axis_overrides", "axis_unit", "list_axes", "stressed", "takes_whole_numbers"]
 
 #: Units by the ending of a path's last name; the longest matching ending counts.
 _UNITS = {
@@ -64,6 +64,12 @@ def axis_overrides(scene: Scene, axis: str, level: float) -> Overrides:
         raise InputError("The path of a stress must lead to a number.", where=axis, value=held)
     # Whole numbers remain integers: a path such as `pulses_per_slice` accepts no fractions.
     return {axis: int(level) if isinstance(held, int) and float(level).is_integer() else level}
+
+
+def takes_whole_numbers(scene: Scene, axis: str) -> bool:
+    """Whether an axis is the path of a whole number of the scene, which is not halved to a fraction."""
+    held = None if axis in AXES else _held(scene, axis)
+    return isinstance(held, int) and not isinstance(held, bool)
 
 
 def _held(scene: Scene, path: str) -> Any:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...optics.constants import C_M_PER_S
+from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from ..effect import no_light
@@ -49,7 +51,8 @@ def expect(scene: Scene, request: Request) -> Expected[DirectScene]:
     truth = _truth(scene, request, light)
     kept = {name: value for name, value in coords.items() if name not in ("setting", "actual")}
     return Expected(
-        light.electrons, kept | {"delay": coords["setting"]}, truth, light.direct.rays, light.direct, light.warnings,
+        light.electrons, kept | {"delay": coords["setting"]}, truth, light.direct.rays, light.direct,
+        light.warnings + _folded(scene, light.direct),
         light.traced,
     )  # fmt: skip
 
@@ -125,6 +128,22 @@ def _dark(scene: Scene, light: Stack, ambient: Float, coords: dict[str, Any]) ->
         return ()
     window = coords["actual"][coords["laser_on"]]
     return (no_light(scene, "slice", f"every gate (delays {window.min():.4g} … {window.max():.4g} s)"),)
+
+
+def _folded(scene: Scene, direct: DirectScene) -> tuple[str, ...]:
+    """The warning of echoes that come back after the next pulse has left; empty where none do."""
+    rig = gated_rig(scene)
+    period = rig.detector.exposure_s / rig.pulses_per_slice
+    per_metre = 2.0 * group_index(scene.medium, rig.laser.wavelength_m) / C_M_PER_S
+    lit = np.asarray(direct.truth["truth_amplitude"]) > 0
+    far = np.asarray(direct.truth["truth_range"], dtype=np.float64)[lit]
+    latest = float(np.nanmax(far, initial=0.0)) * per_metre
+    if latest < period:
+        return ()
+    return (
+        f"{scene.name}: echoes return {latest:.3g} s after their pulse, and pulses leave every {period:.3g} s "
+        "(exposure_s/pulses_per_slice): those of earlier pulses would fall into the gates, and are not modelled.",
+    )
 
 
 def _short(scene: Scene, traced: dict[str, Any], rtol: float) -> tuple[str, ...]:

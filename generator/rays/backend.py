@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.forks import refuse_forked
 
 __all__ = ["load", "mitsuba", "opaque", "ray_scene", "wheel_files"]
 
@@ -143,6 +144,7 @@ def _llvm_version(dr: Any) -> tuple[int, ...] | None:
 
 def mitsuba() -> Any:
     """The `mitsuba` module, loaded and with its variant set."""
+    refuse_forked()
     load()
     import mitsuba as mi
 
