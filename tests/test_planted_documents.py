@@ -184,3 +184,24 @@ def test_distilled_water_is_pure() -> None:
     """c at 500 nm: absorption of pure water .0204 1/m (Pope and Fry 1997) to .026 (others), scattering .002 1/m."""
     got = float(attenuation.light_attenuation(*attenuation.FIGURE_2_1_WATERS["distilled"], 500e-9))
     assert 0.018 < got < 0.03
+
+
+# --- Ciddor 1996 --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("celsius", [-40.0, 20.0, 100.0])
+def test_air_thins_out_with_the_absolute_temperature(celsius: float) -> None:
+    """(n − 1) over that of 15 °C at one pressure: T₀Z₀/(TZ), Z of dry air by BIPM-91 as Ciddor's Appendix A prints it.
+
+    A Kelvin scale that began at −273 °C would move the ratio by 1.2e-4 at −40 °C; the tolerance is 1e-7.
+    """
+    from beambench.optics.water.refraction import air_phase_index
+
+    def kelvin_z(t: float) -> float:
+        kelvin = 273.15 + t
+        p_over_t = 101_325.0 / kelvin
+        z = 1.0 - p_over_t * (1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2) + p_over_t**2 * 1.83e-11
+        return kelvin * z
+
+    got = (air_phase_index(633e-9, celsius, 101_325.0) - 1.0) / (air_phase_index(633e-9, 15.0, 101_325.0) - 1.0)
+    assert got == pytest.approx(kelvin_z(15.0) / kelvin_z(celsius), rel=1e-7)
