@@ -270,3 +270,22 @@ def test_poisson_ml_is_hundreds_of_times_faster_than_curve_fit() -> None:
     assert found["ratio"] >= 350
     # Same answer quality on 120 pixels: an efficiency has a standard error of 13 % there.
     assert found["poisson_ml_efficiency"] > 0.6 and found["valid"] > 0.999
+
+
+@pytest.mark.parametrize(("name", "factor"), [("chua-2017", 1 / np.cos(0.2)), ("chua-2017-orthogonal", np.cos(0.2))])
+def test_printed_corrections_scale_a_shift_by_the_angle(name: str, factor: float) -> None:
+    rig = GaussianRig(offset_dn=20.0, gain_dn_per_e=2.0, read_noise_e=1.0)
+    rng = np.random.default_rng(11)
+    shape, shift = (9, 40), 0.4321e-9
+    tau = rng.uniform(rig.delay_s[14], rig.delay_s[-14], shape) + rig.centre_s
+    electrons = rng.poisson(rig.electrons(tau, 5e3, 3.0)) + rng.normal(size=(rig.slices, *shape))
+    capture = stack_capture(rig, np.round(20 + 2 * electrons).clip(0, 65535).astype(np.uint16))
+    before = run_estimator(name, capture)
+    after = run_estimator(name, capture.assign_coords(delay=capture["delay"] + shift))
+    assert (before["valid"] == after["valid"]).all() and before["valid"].values.any()
+    moved = (after["range"] - before["range"]).values[before["valid"].values]
+    low, high = sorted((1.0, factor))
+    # The printed model's r³/r² depends on r: 2σ²/r changes by 2σ²Δ/r². A background across the window weighs in r²: allow
+    # 2 % of the shift.
+    exact = shift * C_M_PER_S / 2
+    assert (moved >= 0.98 * low * exact).all() and (moved <= 1.02 * high * exact).all()

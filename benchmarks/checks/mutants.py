@@ -15,6 +15,7 @@ within the limit counts as not killed, since a slow machine is no proof. Exit st
 from __future__ import annotations
 
 import argparse
+import ast
 import os
 import re
 import shutil
@@ -107,7 +108,7 @@ def applied(mutant: Mutant, source: str) -> str:
         )  # fmt: skip
     wrong = source.replace(mutant.old, mutant.new)
     try:
-        compile(wrong, mutant.file, "exec")
+        ast.parse(wrong, mutant.file)
     except SyntaxError as error:
         raise InputError(
             f"The wrong version «{mutant.name}» is no Python.", where=mutant.file, value=str(error),
