@@ -50,7 +50,6 @@ def copy(tmp_path: Path) -> Path:
     """A small project with one law and two tests."""
     (tmp_path / "room").mkdir()
     (tmp_path / "tests").mkdir()
-    (tmp_path / "typings").symlink_to(tmp_path)
     (tmp_path / "room" / "law.py").write_text("def law(x):\n    return 2 * x\n", encoding="utf-8")
     imported = "import sys\nsys.path.insert(0, '.')\nfrom room.law import law\n\n\n"
     for name, check in (("law", "assert law(2) == 4"), ("blind", "assert law(0) == 0")):

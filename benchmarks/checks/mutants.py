@@ -3,8 +3,8 @@
     python -m beambench.benchmarks.checks.mutants [--only TEXT] [--jobs N] [--limit SECONDS] [--folder FOLDER]
 
 `mutants.toml` lists the wrong versions: a file, a text that stands in it exactly once, the text in its place, and the tests
-that should fail. Sources, type links and tests are copied to a temporary folder, and the copy is edited; the project itself
-is never touched. First the named tests must pass in the copy as it is. Then each wrong version is put in, its tests run
+that should fail. Sources and tests are copied to a temporary folder, and the copy is edited; the project itself is never
+touched. First the named tests must pass in the copy as it is. Then each wrong version is put in, its tests run
 until the first failure, and the file is restored.
 
 Printed: wrong version, the test that killed it, seconds. A version whose tests pass has survived; one whose tests do not end
@@ -36,8 +36,9 @@ __all__ = ["LEAST_KILLED", "Mutant", "Outcome", "applied", "copy_project", "read
 
 #: Share of the wrong versions that the tests must kill.
 LEAST_KILLED = 0.95
-#: What the tests of a copy need.
-_FOLDERS = ("optics", "scenes", "captures", "generator", "estimators", "benchmarks", "api", "typings", "tests", "docs")
+#: What the tests of a copy need: the floors, of which `api` is the package itself, and what stands beside them.
+_FLOORS = ("optics", "scenes", "captures", "generator", "estimators", "benchmarks")
+_FOLDERS = (*_FLOORS, "api", "tests", "docs")
 _FILES = ("pyproject.toml", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE")
 _LIST = Path(__file__).with_name("mutants.toml")
 #: pytest's exit status where tests ran and some failed.
@@ -68,10 +69,10 @@ class Outcome:
 def project_folder() -> Path:
     """The folder of sources and tests. Raises InputError for an installed package, which has no tests."""
     folder = Path(__file__).resolve().parents[2]
-    if not (folder / "tests").is_dir() or not (folder / "typings").is_dir():
+    if not (folder / "tests").is_dir() or not (folder / "pyproject.toml").is_file():
         raise InputError(
             "This copy of the project has no tests.", where="benchmarks.checks.mutants", value=str(folder),
-            allowed="a checkout with tests/ and typings/", next_step="run it in a checkout of the sources",
+            allowed="a checkout with tests/ and pyproject.toml", next_step="run it in a checkout of the sources",
         )  # fmt: skip
     return folder
 
@@ -118,20 +119,25 @@ def applied(mutant: Mutant, source: str) -> str:
 
 
 def copy_project(project: Path, folder: Path) -> Path:
-    """Sources, type links and tests of the project in `folder`, which is made anew but for its compiled functions."""
+    """Sources and tests of the project in `folder`, made anew but for compiled functions; `package` links to the sources."""
     skip = shutil.ignore_patterns("__pycache__", "*.pyc")
     for name in _FOLDERS:
         shutil.rmtree(folder / name, ignore_errors=True)
         shutil.copytree(project / name, folder / name, symlinks=True, ignore=skip)
     for name in _FILES:
         shutil.copy2(project / name, folder / name)
+    package = folder / "package" / "beambench"
+    shutil.rmtree(package, ignore_errors=True)
+    package.mkdir(parents=True)
+    for place in (*(folder / "api").iterdir(), *(folder / floor for floor in _FLOORS)):
+        (package / place.name).symlink_to(place)
     return folder
 
 
 def _tests(copy: Path, tests: Sequence[str], limit_s: float) -> tuple[int | None, str]:
     """(pytest's exit status, its output) of tests in a copy; (None, "") where the limit is passed."""
     environment = os.environ | {
-        "PYTHONPATH": str(copy / "typings"), "XDG_CACHE_HOME": str(copy / "cache"), "OMP_NUM_THREADS": "1",
+        "PYTHONPATH": str(copy / "package"), "XDG_CACHE_HOME": str(copy / "cache"), "OMP_NUM_THREADS": "1",
     }  # fmt: skip
     # A whole session of its own, so that the limit also ends what the tests have started.
     process = subprocess.Popen(
