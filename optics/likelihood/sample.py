@@ -80,7 +80,8 @@ def information(noise: NoiseModel, mu: float) -> float:
     """Exact Fisher information J(μ) = Σ_y (dP/dμ)²/P [1/electron²] of one sample about its mean photoelectrons.
 
     Where the read noise spans many codes, its cost does not grow with it. Where neither end code is reached, (dP)²/P is
-    smooth in y, and every stride-th code, at least 1.5 per read noise σ, gives the same sum (rectangle rule, error exp(−2π²·1.5²/2) < 1e-9).
+    smooth in y, and every stride-th code, at least 1.5 per read noise σ, gives the same sum (rectangle rule, error
+    exp(−2π²·1.5²/2) < 1e-9).
     """
     _check(mu)
     if noise.intensified:
