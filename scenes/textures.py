@@ -76,7 +76,7 @@ def _read_png(path: Path, where: str) -> Float:
 
     if reason := png_damage(path.read_bytes()):
         raise InputError(
-            "The picture is damaged.", where=where, value=f"{path.name}: {reason}", allowed="a whole PNG file",
+            "The picture cannot be read.", where=where, value=f"{path.name}: {reason}", allowed="a whole PNG file",
             next_step="copy or write the picture anew",
         )  # fmt: skip
     image = oiio.ImageBuf(str(path))

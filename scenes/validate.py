@@ -53,7 +53,11 @@ def _check_plain(data: Any, where: str) -> None:
         path, node, depth = todo.pop()
         what, allowed = "", "a finite number, text, true or false, a list or a table"
         if depth > _DEEPEST:
-            what = "A spec is nested too deeply."
+            what, allowed, node = (
+                "A spec is nested too deeply.",
+                f"at most {_DEEPEST} levels",
+                f"over {_DEEPEST} levels",
+            )
         elif isinstance(node, Mapping):
             if all(isinstance(key, str) for key in node):
                 todo += [(f"{path}.{key}".lstrip("."), value, depth + 1) for key, value in node.items()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,7 @@ from ._mesh_files import gltf_document, packed
 
 def written(folder: Path, far: float) -> bytes:
     document, buffer, _ = gltf_document(4, "u2", "plain", sparse=True, woven=False)
-    import struct
-
-    changed = buffer[:-12] + struct.pack("<3f", 0.75, -0.5, far)
+    changed = buffer.replace(struct.pack("<3f", 0.75, -0.5, 1.0), struct.pack("<3f", 0.75, -0.5, far))
     for name, content in packed(document, changed, "beside").items():
         (folder / name).write_bytes(content)
     return changed

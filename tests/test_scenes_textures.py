@@ -227,7 +227,11 @@ def test_a_damaged_picture_is_refused(
         if interlaced else ((0, 0, 1, 1),)
     )]  # fmt: skip
     pixel = bits // 8 * samples
-    lines = [b"\0" + bytes([100]) * (pixel * len(across)) for down, across in grids for _ in down]
+    lines = [
+        b"\0" + bytes((7 * row + col) % 251 for col in range(pixel * len(across)))
+        for down, across in grids
+        for row in down
+    ]
     head = part(b"IHDR", struct.pack(">IIBBBBB", cols, rows, bits, colour, 0, 0, int(interlaced)))
     start, end = b"\x89PNG\r\n\x1a\n", part(b"IEND", b"")
     data = zlib.compress(b"".join(lines))
@@ -241,7 +245,7 @@ def test_a_damaged_picture_is_refused(
     for damaged in (
         whole[: len(whole) // 2], bytes(flipped), whole[:-12], whole[:-1], start,
         start + head + part(b"IDAT", zlib.compress(b"".join(lines[:-1]))) + end,
-        start + head + part(b"IDAT", data[:-4]) + end, start + head + part(b"IDAT", b"x" + data[1:]) + end, start + head + end,
+        start + head + part(b"IDAT", data[:-4]) + end, start + head + part(b"IDAT", b"\0" + data[1:]) + end, start + head + end,
     ):  # fmt: skip
         file.write_bytes(damaged)
         with pytest.raises(InputError):

@@ -79,7 +79,10 @@ def _flattened(points: Float) -> Float:
     """Polygons (..., k, 3) in their own planes (..., k, 2): along the two axes that their mean normal is furthest from."""
     after = np.roll(points, -1, axis=-2)
     normal = np.cross(points, after).sum(axis=-2)
-    axis = np.abs(normal).argmax(axis=-1)
+    size = np.ptp(points, axis=-2)
+    # A polygon that crosses itself may have no mean normal: then the axis along which it is thinnest.
+    flat = np.abs(normal).max(axis=-1) <= 1e-12 * size.max(axis=-1) ** 2
+    axis = np.where(flat, size.argmin(axis=-1), np.abs(normal).argmax(axis=-1))
     sign = np.where(np.take_along_axis(normal, axis[..., None], axis=-1) < 0, -1.0, 1.0)
     x = np.take_along_axis(
         points, ((axis + 1) % 3)[..., None, None] * np.ones_like(points[..., :1], dtype=int), axis=-1
