@@ -62,7 +62,9 @@ def test_mirrored_pixels_have_mirrored_answers_bit_by_bit(name: str) -> None:
     flipped["counts"].values = np.ascontiguousarray(capture["counts"].values[:, :, ::-1])
     one, two = run_estimator(name, capture), run_estimator(name, flipped)
     for key in ("range", "sigma", "valid"):
-        if name == "radiometric-average":  # stops within a part of sigma: the beam angle's last bit differs between the sides
+        if (
+            name == "radiometric-average"
+        ):  # stops within a part of sigma: the beam angle's last bit differs between the sides
             np.testing.assert_allclose(one[key].values[:, ::-1], two[key].values, rtol=1e-9)
         else:
             np.testing.assert_array_equal(one[key].values[:, ::-1], two[key].values)
