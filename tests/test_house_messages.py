@@ -34,6 +34,7 @@ COMPOSED = {
         "scenes/validate.py",
         "what.get(first['type'], 'A value is not allowed.')",
     ): "one of the sentences of the table above it",
+    ("scenes/validate.py", "what"): "one of the sentences of the function that raises it",
     ("estimators/registry.py", "why"): "one of the reasons in the table WITHHELD, which are sentences",
     ("captures/store/writer.py", "error.what"): "an InputError raised again, with one more next step",
     ("benchmarks/laws/trial.py", "**"): "an InputError raised again in the parent process, from its own parts",
