@@ -98,8 +98,12 @@ def test_on_the_plateau_itself_no_error_is_understated(label: str) -> None:
     found = run_estimator(label, capture)
     valid = found["valid"].values
     z = ((found["range"].values - tau * HALF_C) / found["sigma"].values)[valid]
-    # The share of the late slice is ½ for 9 ns: an answer may be anywhere in them, and must say so.
-    assert not z.size or np.sqrt((z**2).mean()) < 1.6
+    # The share of the late slice is ½ for 9 ns: an answer may be anywhere in them, and must say so, or is not given: three
+    # standard errors leave 3 of 1,000.
+    if label == "range-intensity-correlation":
+        assert valid.mean() < 0.02
+    else:
+        assert np.sqrt((z**2).mean()) < 1.6 and np.median(found["sigma"].values[valid]) > 1.5e-9 * HALF_C
 
 
 def test_two_slices_without_a_background_are_not_enough_for_a_fit_of_three() -> None:

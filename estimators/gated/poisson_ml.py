@@ -205,7 +205,7 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     Returns range, sigma [m] from the Fisher information with A and B profiled, valid (row, col): converged, at least
     a quarter of the echo inside the window, sigma below the width of R. Where the echo is broader than R by more than
     chance, as in a pixel that sees two surfaces, sigma holds the spread of their delays (`misfit`). Two lit slices are
-    enough where there are laser-off slices. Raises InputError for min_snr < 0.
+    enough where there are laser-off slices (by `poisson_flat`). Raises InputError for min_snr < 0.
     """
     if min_snr < 0:
         raise InputError(
@@ -231,7 +231,8 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     bounds = (design.low, design.high, design.width, floor)
     common = (stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first,
               design.last, bounds, design.candidates, design.box, design.mean, design.norm, min_snr, units)  # fmt: skip
-    if design.corners:
+    # Two slices that both show the plateau of R do not tell delays apart either.
+    if design.corners or stack.signal == 2:
         _fit_flat_rows(*common, value, sigma, valid)
     else:
         _fit_smooth(stack, levels, shift, floor, min_snr, factor, (value, sigma, valid, again))

@@ -140,6 +140,8 @@ def _read_pair(
         if flat:
             ends = [np.interp(share[inside] + sign * spread[inside], curve, place) for sign in (-1, 1)]
             sigma[inside] = 0.5 * (ends[1] - ends[0])
+            # Within three standard errors of the share that both slices have all over the plateau, the pair tells nothing.
+            inside &= np.abs(share - curve[int(np.argmax(np.diff(place)))]) > 3 * spread
         else:
             sigma[inside] = np.interp(share[inside], curve, np.abs(np.gradient(place, curve))) * spread[inside]
         ok |= inside
