@@ -38,8 +38,10 @@ def test_every_library_scene_gives_a_valid_lit_capture_without_warnings(name: st
     assert np.isfinite(capture.truth_range).any()
     light = capture.truth_electrons.values
     assert np.isfinite(light).all() and (light >= 0).all()
-    noise = np.sqrt(light + 4 + 1 / 12)
-    z = (capture.counts.values - 100.0 - light) / noise
+    detector = gated_rig(scene).detector
+    gain = detector.gain_dn_per_e
+    noise = np.sqrt(gain**2 * (light + detector.read_noise_e**2) + 1 / 12)
+    z = (capture.counts.values - detector.offset_dn - gain * light) / noise
     # Counts scatter about the truth with the noise that the rig declares: mean z of n samples is 0 ± 1/√n.
     assert abs(z.mean()) < 4 / np.sqrt(z.size)
     assert z.var() == pytest.approx(1.0, abs=6 * np.sqrt(2 / z.size) + 0.01)

@@ -48,7 +48,7 @@ GOOD: dict[str, Any] = {"seed": 1, "capture_key": 1, "fidelity": "direct", "rtol
     ("scene", "changes", "what", "where"),
     [
         ("flat-wall", {"fidelity": "best"}, "no such rung", "--fidelity"),
-        ("flat-wall", {"rtol": "noise"}, "for fidelity", "--rtol"),
+        ("flat-wall", {"rtol": "noise"}, "needs the fidelity", "--rtol"),
         ("flat-wall", {"rtol": True}, "fraction", "--rtol"),
         ("flat-wall", {"rtol": 0.6}, "fraction", "--rtol"),
         ("flat-wall", {"rtol": float("nan")}, "fraction", "--rtol"),
