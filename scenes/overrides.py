@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from .errors import InputError
-from .spec_files import once
+from .json_keys import once
 
 __all__ = ["apply_overrides", "parse_assignments"]
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError
+from .json_keys import once
 
-__all__ = ["LIBRARY", "find_spec_file", "once", "read_spec_file"]
+__all__ = ["LIBRARY", "find_spec_file", "read_spec_file"]
 
 #: Folder of the scenes that ship with the project.
 LIBRARY = Path(__file__).parent / "library"
@@ -65,13 +66,3 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError("A spec should be a table of keys.", where=str(path), value=type(data).__name__)
     return data
-
-
-def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose keys each stand once, as in TOML. Raises ValueError for one that is given twice: which holds?"""
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"the key {key[:80]!r} is given twice")
-        found[key] = value
-    return found
