@@ -7,7 +7,6 @@ chain of them, each of which reads what the one before gives. Each layout lists 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 __all__ = ["CAPTURE", "Quantity", "Stage"]
@@ -107,7 +106,3 @@ class Stage:
             names = self.variables(quantity)
             found |= {names.value: quantity.dims, names.sigma: quantity.dims, names.valid: quantity.element_dims}
         return found
-
-    def free_dims(self, sizes: Mapping[str, int]) -> tuple[str, ...]:
-        """Dimensions of the estimate that a capture of these sizes does not have: the estimator chooses how long they are."""
-        return tuple(dict.fromkeys(dim for dims in self.dims().values() for dim in dims if dim not in sizes))
