@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .scenes.errors import InputError
+    from .verbs.bound import bound
     from .verbs.break_ import break_
     from .verbs.compare import compare
     from .verbs.data import data_finalize, data_repair, data_status, data_verify
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = [
     "InputError",
     "__version__",
+    "bound",
     "break_",
     "compare",
     "data_finalize",
@@ -62,6 +64,7 @@ __all__ = [
 
 _HOME = {
     "InputError": ".scenes.errors",
+    "bound": ".verbs.bound",
     "break_": ".verbs.break_",
     "compare": ".verbs.compare",
     "data_finalize": ".verbs.data",

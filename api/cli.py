@@ -13,6 +13,7 @@ from cyclopts import App, CycloptsError
 
 from .commands.table import register
 from .console import terminal
+from .process import check_working_folder, open_standard_streams
 from .scenes.errors import InputError
 
 __all__ = ["app", "main"]
@@ -92,7 +93,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     tokens = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in tokens
+    open_standard_streams()
     try:
+        check_working_folder()
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             code = _run(tokens)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .scenes.errors import InputError
+from .scenes.places import local_path
 
 __all__ = ["check_free", "claim", "default_out", "is_picture", "slug"]
 
@@ -35,7 +36,7 @@ def check_free(out: str | Path | None, *, overwrite: bool) -> None:
     Raises:
         InputError: It exists and may not be replaced.
     """
-    if out is not None and not overwrite and os.path.lexists(Path(out).expanduser()):
+    if out is not None and not overwrite and os.path.lexists(local_path(out)):
         raise InputError(
             "The output exists.",
             where=str(out),
@@ -66,7 +67,7 @@ def claim(
     """
     from .benchmarks.folders.workplace import refuse_inputs, refuse_place
 
-    path = default_out(name) if out is None else Path(out).expanduser()
+    path = default_out(name) if out is None else local_path(out)
     refuse_inputs(path, inputs)
     check_free(path, overwrite=overwrite)
     if os.path.lexists(path):

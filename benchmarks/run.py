@@ -1,4 +1,4 @@
-"""Run a suite: generate → store → estimate → score → report. Memory holds one capture at a time."""
+"""Run a suite: generate → store → estimate → score → report. One capture is in memory at a time."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
 
 __all__ = ["RunResult", "run_suite"]
 
-#: Captures are spooled for the children until they fill this much disk; then all estimators run on them.
+#: Captures are written for the child processes up to this total size; then all estimators run on them.
 _SPOOL_BYTES = 2 * 2**30
 
 
 @dataclass
 class RunResult:
-    """What a run left: its folder, the rows of its table, what was warned of, and the page's path."""
+    """Result of a run: its folder, the rows of its table, the warnings, and the path of the page."""
 
     out: Path
     rows: list[dict[str, Any]]
@@ -72,16 +72,16 @@ def run_suite(
     """Run a suite and write its folder: captures/, the tables, run.json, pictures/ and report.html.
 
     Main arguments:
-        suite: name, path or plain data. out: the folder; ./beambench-runs/<suite>-<time> by default.
+        suite: name, path or plain data. out: the output folder, by default ./beambench-runs/<suite>-<time>.
     Other arguments:
-        overrides: {path: value}; see `load_suite`. split: which seeds to score on.
-        resume: keep what an interrupted run of the same suite finished. overwrite: replace a run, once the new one is
-            complete; until then that is in `out`/unfinished.
-        cache: take answers that an earlier run measured on this machine, with their times, and keep the new ones.
-        report: write the page. progress: told of every step. command: what was typed, for run.json.
+        overrides: {path: value}; see `load_suite`. split: the seeds to score on.
+        resume: whether to continue an interrupted run of the same suite. overwrite: whether to replace an earlier run. It is
+            replaced when the new one, in `out`/unfinished until then, is complete.
+        cache: whether to reuse results, with their times, that an earlier run measured on this machine, and store new ones.
+        report: whether to write the page. progress: called at every step. command: the command line, for run.json.
 
-    An estimator that fails is a row with its status; the run goes on. Raises InputError for bad input, before anything
-    is generated.
+    An estimator that fails has a row with its status, and the run continues. Raises InputError for invalid input, before
+    anything is generated.
     """
     start = time.perf_counter()
     loaded = load_suite(suite, overrides)
@@ -89,23 +89,23 @@ def run_suite(
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
     cells = cells_of(loaded, split)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
-    told: dict[str, Any] = {"verb": RUN.verb, "split": split}
+    settings: dict[str, Any] = {"verb": RUN.verb, "split": split}
 
     def check(held: Path) -> None:
-        Journal.check(held, loaded.hash, **told)
+        Journal.check(held, loaded.hash, **settings)
 
     with workplace(folder, RUN, resume=resume, overwrite=overwrite, check=check) as work:
-        journal = Journal(work, loaded.hash, **told)
+        journal = Journal(work, loaded.hash, **settings)
         run = _Run(loaded, chosen, work, journal, progress, len(cells), ResultCache() if cache else None)
         result = _run_in(
-            work, run, cells, told | {"overrides": dict(overrides or {}), "command": command or []}, report
+            work, run, cells, settings | {"overrides": dict(overrides or {}), "command": command or []}, report
         )
     page = folder / result.report.name if result.report is not None else None
     return replace(result, out=folder, report=page, wall_s=time.perf_counter() - start)
 
 
-def _run_in(folder: Path, run: _Run, cells: list[Cell], told: dict[str, Any], report: bool) -> RunResult:
-    """Run all cells and write the folder."""
+def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any], report: bool) -> RunResult:
+    """Run all cells, and write the folder."""
     loaded, progress = run.loaded, run.progress
     began = now()
     with Spool() as spool, warnings.catch_warnings(record=True) as caught:
@@ -123,14 +123,15 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], told: dict[str, Any], re
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
     write_tables(folder, rows)
+    run.warnings += _doubts(folder)
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
     run.stages["tables"] = time.perf_counter() - tick
     record = {
         "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
-        "seeds": list(getattr(loaded.suite.seeds, told["split"])), "captures": len(cells),
+        "seeds": list(getattr(loaded.suite.seeds, settings["split"])), "captures": len(cells),
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
-        "started": began, "finished": now(), **told,
+        "started": began, "finished": now(), **settings,
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
         "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
         "warnings": run.warnings, "failures": run.failures,
@@ -152,8 +153,17 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], told: dict[str, Any], re
     return RunResult(folder, rows, run.warnings, run.failures, page, 0.0, run.stages)
 
 
+def _doubts(folder: Path) -> list[str]:
+    """A warning for every result that is better than its bound."""
+    from .report.above_bound import above_bound
+    from .report.data import cells_of as pooled
+    from .scores.tables import read_scores
+
+    return [f"BoundWarning: {sentence}" for sentence in above_bound(pooled(read_scores(folder)))]
+
+
 def _file_name(cell: Cell) -> str:
-    """A folder name for a cell: readable, and safe whatever the axes are called."""
+    """A folder name for a cell: readable, and valid for any names of axes."""
     parts = [cell.scene_name]
     for axis, level in ((cell.stress, cell.level), (cell.stress2, cell.level2)):
         if level == level:
@@ -199,7 +209,7 @@ class _Run:
         return result
 
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
-        """Generate (or, resuming, read) a capture, store it, and spool it for the children."""
+        """Generate a capture, or read it when resuming; store it, and write it for the child processes."""
         from .judges.bound import bounds_of, truths_of
 
         capture = self._capture(cell)
@@ -215,7 +225,7 @@ class _Run:
         from ..generator.generate import generate
 
         path = self._store(cell)
-        if path.exists():  # resuming: a store under its final name is complete, and checked when read
+        if path.exists():  # when resuming: a store under its final name is complete, and checked on reading
             return open_captures(path)[0]
         fidelity: Any = self.suite.fidelity
         shutil.rmtree(partial_of(path), ignore_errors=True)  # left by an interrupted run
@@ -242,7 +252,7 @@ class _Run:
         return lambda hidden: hidden.assign_attrs(rig=rig)
 
     def estimate(self, spool: Spool, batch: list[Entry]) -> None:
-        """Run every estimator on the spooled captures, score, and drop them."""
+        """Run every estimator on the spooled captures, score the results, and delete the captures."""
         tick = time.perf_counter()
         entries = {entry.index: entry for entry in batch}
         sessions = [
@@ -262,7 +272,7 @@ class _Run:
         self.stages["estimate"] += time.perf_counter() - tick
 
     def _jobs(self, spool: Spool, batch: list[Entry], chosen: Chosen) -> list[Job]:
-        """What an estimator still has to do; what the journal or the cache holds becomes rows at once."""
+        """The captures that an estimator still has to read. Results in the journal or the cache become rows at once."""
         jobs: list[Job] = []
         for entry in batch:
             for condition in self.suite.conditions:
@@ -313,7 +323,7 @@ class _Run:
         self._keep(entry, job.condition, chosen, rows, beside)
         self.journal.add(self._journal_key(entry, job.condition, chosen), rows, **beside)
         if outcome.status.startswith("skip:"):
-            pass  # told once per estimator and reason, in `skipped`
+            pass  # reported once per estimator and reason, in `skipped`
         elif outcome.status != "ok":
             message = outcome.status + (f"\n{outcome.printed}" if outcome.printed.strip() else "")
             self.failures.append({
@@ -325,7 +335,7 @@ class _Run:
         self.progress("estimate", self.done, self.total, chosen.label)
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
-        """Keep the picture of an answer for the page."""
+        """Store the picture of an estimate for the page."""
         quantity = outcome.stage.gives[0]
         truth = truths[quantity.name]
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
@@ -335,7 +345,7 @@ class _Run:
     def _keep(
         self, entry: Entry, condition: str, chosen: Chosen, rows: list[dict[str, Any]], beside: dict[str, Any]
     ) -> None:
-        """Add one estimate's rows, and its cost and errors by tile, to the run's."""
+        """Add the rows of one estimate, its cost and its errors by tile to those of the run."""
         self.rows += rows
         if "cost" in beside:
             self.costs.append({name: math.nan if v is None else v for name, v in beside["cost"].items()})
@@ -344,7 +354,7 @@ class _Run:
             self.tiles[entry.cell.scene_name, condition, entry.cell.seed, chosen.label] = (sums, counts)
 
     def _shown(self, cell: Cell, condition: str) -> bool:
-        """Pictures are kept of scenes as written, first seed, first condition."""
+        """Whether the page shows a cell: unchanged scenes, first seed, first condition."""
         as_written = cell.level != cell.level and cell.seed == _first_seed(self.loaded, cell)
         return as_written and condition == self.suite.conditions[0]
 
@@ -358,7 +368,7 @@ class _Run:
 
 
 def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, Bound]) -> list[Any]:
-    """Sums and counts of the squared errors of an answer's first quantity, by tile."""
+    """Sums and counts of the squared errors of an estimate's main quantity, by tile."""
     quantity = outcome.stage.gives[0]
     truth, bound = truths[quantity.name], bounds[quantity.name]
     answer = None
@@ -370,8 +380,8 @@ def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, B
 
 
 def _first_seed(loaded: Loaded, cell: Cell) -> int:
-    """The seed whose pictures are kept: the first one of the cell's split."""
+    """The seed whose pictures are stored: the first one of the split of the cell."""
     for seeds in (loaded.suite.seeds.test, loaded.suite.seeds.dev):
         if cell.seed in seeds:
             return int(seeds[0])
-    raise InputError("A cell has a seed that the suite does not hold.", where="seeds", value=cell.seed)
+    raise InputError("A cell has a seed that the suite does not contain.", where="seeds", value=cell.seed)

@@ -1,13 +1,13 @@
-"""The one format of captures, rendered or recorded: schema, truth, provenance; the store that holds them.
+"""The format of captures, rendered or recorded: layouts, truth, provenance, and the store that holds them.
 
-- `schema`: variables, dims, dtypes and units of each modality. `make_capture` builds a capture, `validate.validate`
-  checks one.
-- `hide_truth`: what an estimator may see.
-- `write`, `open_captures`, `verify`, `finalize`, `repair`, `status.status`: the checksummed store.
-- `example.example_capture`: arbitrary numbers in the right layout, to try readers and plug-ins on.
-- `provenance.provenance`, `compare_captures`: what is needed to generate again, and whether the same bits came out.
+- `layouts`: variables, dimensions, dtypes and units of each modality. `make_capture` builds a capture,
+  `validate.validate` checks one.
+- `hide_truth`: the part of a capture that an estimator may read.
+- `write`, `open_captures`, `verify`, `finalize`, `repair`, `store.status.status`: the checksummed store.
+- `example.example_capture`: a valid capture of arbitrary numbers, for tests of readers and plug-ins.
+- `provenance.provenance`, `compare_captures`: what generating a capture again needs, and whether the bits are equal.
 
-Names load when first used, so that importing this package loads neither xarray nor zarr.
+Names are loaded on first use, so that importing this package loads neither xarray nor zarr.
 """
 
 from __future__ import annotations

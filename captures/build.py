@@ -1,4 +1,4 @@
-"""Build a capture from plain arrays: dims, units and names from the schema, absent truth of recordings as NaN."""
+"""Build a capture from plain arrays. The layout gives dimensions, units and names; missing truth of recordings is NaN."""
 
 from __future__ import annotations
 
@@ -34,14 +34,17 @@ def make_capture(
         modality: a name in `captures.layouts.LAYOUTS`.
         data: arrays by name, e.g. `counts` (slice, row, col) in DN; optional `dark`, `flat`.
         coords: coordinates by name, e.g. `delay` (slice) in s; a scalar is repeated along the dimension.
-        truth: arrays by name, each starting with `truth_`. With `truth_kind` "rendered" all that the schema requires
-            must be there; otherwise what is absent is filled with NaN (codes −1, flags False).
-        attrs: at least `rig` and `truth_kind`; mappings and lists become JSON texts. `schema_version` and `modality`
-            are set here, and `provenance` gets `files`: name and sha256 of each file that `truth_scene` names, which then
-            are bare names.
+        truth: arrays by name, each of which begins with `truth_`. With `truth_kind` "rendered" every variable that the
+            layout requires must be given; otherwise missing ones are filled with NaN (codes −1, flags False).
+        attrs: at least `rig` and `truth_kind`; mappings and lists become JSON texts. This function sets `schema_version`
+            and `modality`. It adds `files` to `provenance`: name and sha256 of each file that `truth_scene` names. In
+            `truth_scene`, the names of files lose their folders.
 
-    Arrays are kept as they are where their dtype is allowed, else turned into the schema's dtype if no value changes.
-    An `xarray.DataArray` may carry `units` out of those that the schema allows. Raises InputError.
+    An array of an allowed dtype is not copied; any other is converted to the layout's first dtype, if no value changes.
+    An `xarray.DataArray` may state its `units`, one of those that the layout allows.
+
+    Raises:
+        InputError: a variable is unknown or missing, or its shape, dtype or values break the layout.
     """
     import xarray as xr
 
@@ -73,7 +76,7 @@ def _refuse_unknown(modality: str, schema: Mapping[str, Variable], groups: Mappi
         for name in group:
             if name not in allowed:
                 raise InputError(
-                    f"a {modality} capture has no {role} variable of this name",
+                    f"A {modality} capture has no {role} variable of this name.",
                     where=f"{role} {name}", value=name, allowed=", ".join(allowed),
                 )  # fmt: skip
 
@@ -81,7 +84,7 @@ def _refuse_unknown(modality: str, schema: Mapping[str, Variable], groups: Mappi
 def _given(
     schema: Mapping[str, Variable], groups: Mapping[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Entry], dict[str, int]]:
-    """The arrays as given, checked against each other, and the sizes of their dimensions."""
+    """The given arrays, checked against each other, and the sizes of their dimensions."""
     sizes: dict[str, int] = dict(FIXED_SIZES)
     arrays: dict[str, Entry] = {}
     for variable in schema.values():
@@ -93,7 +96,7 @@ def _given(
         for dim, size in zip(dims, array.shape, strict=True):
             if sizes.setdefault(dim, size) != size:
                 raise InputError(
-                    f"{variable.name} does not fit the other variables along {dim}",
+                    f"{variable.name} does not fit the other variables along {dim}.",
                     where=variable.name, value=array.shape, allowed=f"{dim} = {sizes[dim]}",
                 )  # fmt: skip
         arrays[variable.name] = (dims, _as_allowed_dtype(variable, array), _variable_attributes(variable, value))
@@ -103,7 +106,7 @@ def _given(
 def _filled(
     modality: str, variable: Variable, scalar: Any, sizes: Mapping[str, int], truth_kind: str
 ) -> np.ndarray[Any, Any] | None:
-    """The array of a variable that was given as a number, or is filled as absent truth; None for an optional one."""
+    """The array of a variable that was given as a number, or of missing truth; None for an optional variable."""
     if scalar is not None:
         shape = tuple(sizes.get(dim, 1) for dim in variable.dims)
         return _as_allowed_dtype(variable, np.full(shape, scalar))
@@ -112,15 +115,15 @@ def _filled(
     if variable.role == "truth" and truth_kind != "rendered":
         return _absent(variable, sizes)
     raise InputError(
-        f"a {modality} capture needs {variable.name}",
+        f"A {modality} capture needs {variable.name}.",
         where=variable.role, allowed=f"{variable.name}({','.join(variable.dims)}) in {variable.units[0]}",
-        next_step="give truth_kind other than rendered to have absent truth filled with NaN"
+        next_step="state another truth_kind than rendered: missing truth is then filled with NaN"
         if variable.role == "truth" else "",
     )  # fmt: skip
 
 
 def as_json(value: object, where: str) -> str:
-    """`value` as JSON text; a text is kept if it is JSON. Raises InputError for what JSON cannot hold."""
+    """`value` as JSON text; a text that is JSON is returned unchanged. Raises InputError for a value that JSON cannot hold."""
     try:
         if isinstance(value, str):
             json.loads(value)
@@ -128,12 +131,15 @@ def as_json(value: object, where: str) -> str:
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(
-            f"not representable as JSON: {error}", where=where, value=value, allowed="JSON without NaN or infinity"
+            f"The value is not representable as JSON: {error}.",
+            where=where,
+            value=value,
+            allowed="JSON without NaN or infinity",
         ) from error
 
 
 def _with_sources(attrs: Mapping[str, Any]) -> Mapping[str, Any]:
-    """`attrs` with name and sha256 of the scene's files, and without their folders; unchanged where it has none."""
+    """`attrs` with name and sha256 of the scene's files, and without their folders; unchanged for a scene without files."""
     scene, made = attrs.get("truth_scene"), attrs.get("provenance")
     if not isinstance(scene, Mapping) or not isinstance(made, Mapping):
         return attrs
@@ -154,13 +160,13 @@ def _attributes(modality: str, attrs: Mapping[str, Any]) -> dict[str, Any]:
             result[name] = value.item() if isinstance(value, np.generic) else value
     if result["schema_version"] != SCHEMA_VERSION or result["modality"] != modality:
         raise InputError(
-            "schema_version and modality are set by make_capture",
+            "The attributes schema_version and modality are set by make_capture.",
             where="attrs", value={name: result[name] for name in ("schema_version", "modality")},
             allowed=f"schema_version {SCHEMA_VERSION}, modality {modality}",
         )  # fmt: skip
     if result.get("truth_kind") not in TRUTH_KINDS:
         raise InputError(
-            "a capture says where its truth comes from",
+            "The capture does not state where its truth comes from.",
             where="attribute truth_kind", value=result.get("truth_kind"), allowed=", ".join(TRUTH_KINDS),
         )  # fmt: skip
     return result
@@ -172,7 +178,7 @@ def _dims_of(variable: Variable, array: np.ndarray[Any, Any]) -> tuple[str, ...]
             return dims
     allowed = " or ".join(f"({','.join(dims)})" for dims in variable.allowed_dims)
     raise InputError(
-        f"{variable.name} has the wrong number of dimensions", where=variable.name, value=array.shape, allowed=allowed
+        f"{variable.name} has the wrong number of dimensions.", where=variable.name, value=array.shape, allowed=allowed
     )
 
 
@@ -181,14 +187,14 @@ def _as_allowed_dtype(variable: Variable, array: np.ndarray[Any, Any]) -> np.nda
         return array
     target = np.dtype(variable.dtypes[0])
     if array.dtype.kind in "biufc":
-        # Counts are never turned silently into another type: their type says what the instrument delivered.
+        # Counts are never converted: their dtype states what the instrument delivered.
         exact = variable.name != "counts" and (target.kind != "b" or array.dtype.kind == "b")
         with np.errstate(all="ignore"):
             turned = array.astype(target) if exact and np.can_cast(array.dtype, target, "unsafe") else None
         if turned is not None and np.array_equal(turned, array, equal_nan=array.dtype.kind in "fc"):
             return turned
     raise InputError(
-        f"{variable.name} has a dtype that a capture does not hold",
+        f"{variable.name} has a dtype that a capture cannot hold.",
         where=variable.name, value=str(array.dtype), allowed=", ".join(variable.dtypes),
     )  # fmt: skip
 
@@ -199,7 +205,7 @@ def _variable_attributes(variable: Variable, value: object) -> dict[str, str]:
 
 
 def _absent(variable: Variable, sizes: Mapping[str, int]) -> np.ndarray[Any, Any]:
-    # A dimension that only truth has (return, lenslet, mode) gets length 1 in a recording without truth.
+    # A dimension that only truth has (return, lenslet, mode) has length 1 in a recording without truth.
     dtype = np.dtype(variable.dtypes[0])
     fill = {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}[dtype.kind]
     return np.full(tuple(sizes.get(dim, 1) for dim in variable.dims), fill, dtype)

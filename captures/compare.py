@@ -1,4 +1,4 @@
-"""Whether two captures have equal bits, and if not, how many values differ and by how much."""
+"""Compare captures bit by bit: how many values differ, and by how much."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ _NOT_CONTENT = ("provenance",)
 
 @dataclass(frozen=True)
 class VariableComparison:
-    """One variable of two captures.
+    """Comparison of one variable of two captures.
 
     Main arguments:
-        name: its name.
+        name: name of the variable.
         size: number of values compared.
         differing: number of values whose bits differ; NaN equals NaN of the same bits, 0 differs from −0.
-        max_abs: largest absolute difference of finite values; NaN where there is none to compare.
-        note: why values cannot be compared (absent in one, other dims, shape or dtype); then `differing` is `size`.
+        max_abs: largest absolute difference of finite values, in the unit of the variable; NaN without finite values.
+        note: reason why the values cannot be compared (the variable is missing in one capture, or its dimensions, shape
+            or dtype differ); then `differing` equals `size`.
     """
 
     name: str
@@ -47,7 +48,7 @@ class VariableComparison:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two captures compared: their variables, and the names of the attributes that differ (provenance set apart)."""
+    """Comparison of two captures: their variables, and the names of the attributes that differ."""
 
     variables: tuple[VariableComparison, ...]
     attributes: tuple[str, ...]
@@ -59,7 +60,7 @@ class Comparison:
 
     @property
     def equal(self) -> bool:
-        """Equal bits in every variable, and equal attributes except provenance."""
+        """Whether every variable has equal bits, and every attribute except `provenance` is equal."""
         comparable = all(not variable.note for variable in self.variables)
         return comparable and not self.differing and set(self.attributes) <= set(_NOT_CONTENT)
 
@@ -74,7 +75,7 @@ class Comparison:
 
 
 def compare_captures(a: xr.Dataset, b: xr.Dataset) -> Comparison:
-    """Compare two captures value by value, by bits. Variables absent in one are told; nothing is raised for them."""
+    """Compare two captures bit by bit. A variable that one of them lacks is reported in `note` and raises no error."""
     names = [str(name) for name in a.variables] + [str(name) for name in b.variables if name not in a.variables]
     variables = tuple(_variable(name, a.variables.get(name), b.variables.get(name)) for name in names)
     attributes = sorted({*a.attrs, *b.attrs}, key=str)
@@ -85,7 +86,7 @@ def compare_captures(a: xr.Dataset, b: xr.Dataset) -> Comparison:
 def compare_stores(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> list[Comparison]:
     """Compare two stores capture by capture, one pair in memory at a time.
 
-    Raises InputError if one cannot be read, or if they hold different numbers of captures.
+    Raises InputError if a store cannot be read, or if the stores hold different numbers of captures.
     """
     from ..scenes.errors import InputError
     from .store.reader import open_captures
@@ -93,7 +94,7 @@ def compare_stores(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> list
     first, second = open_captures(a), open_captures(b)
     if len(first) != len(second):
         raise InputError(
-            "the stores hold different numbers of captures",
+            "The stores hold different numbers of captures.",
             where=f"{os.fspath(a)}, {os.fspath(b)}", value=(len(first), len(second)), allowed="equal numbers",
         )  # fmt: skip
     return [compare_captures(first[i], second[i]) for i in range(len(first))]

@@ -1,4 +1,4 @@
-"""The contents of a store in short: sizes, and how each capture was made."""
+"""Summary of a store: sizes, and how each capture was made."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["contents"]
 
 
 def contents(path: Path) -> dict[str, Any]:
-    """Modality, number of captures, sizes, bytes on disk, and of each capture its scene, seed, kind of truth and rung.
+    """Modality, number of captures, sizes and bytes of a store, and scene, seed, kind of truth and rung of each capture.
 
     Raises:
-        InputError: There is no store with undamaged metadata.
+        InputError: the path is not a store with intact metadata.
     """
     captures = open_captures(path)
     rows = [_row(index, captures.attributes(index)) for index in range(len(captures))]
@@ -41,6 +41,6 @@ def _row(index: int, attrs: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _record(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """An attribute that holds JSON; {} if it is absent or null."""
+    """The value of an attribute of JSON text; {} if it is absent or null."""
     text = attrs.get(name)
     return (json.loads(text) if isinstance(text, str) else {}) or {}

@@ -1,7 +1,7 @@
-"""Estimates on disk: one HDF5 file per estimator, also as another program may write them.
+"""Files of estimates: one HDF5 file per estimator, written by Beambench or by another program.
 
 Attributes: `schema_version` = 1, `estimator` (label; default: the file's name), `modality`, `stage` (default: the first of the
-modality), and `captures_sha256`, the sha256 of the manifest of the captures that were read (`beambench export` hands it on).
+modality), and `captures_sha256`, the sha256 of the manifest of the captures that were read (`beambench export` copies it).
 Datasets with a leading capture axis: the variables of the stage, such as `range` and `sigma` (capture, row, col) float, m, and
 `valid` (capture, row, col) bool or 0/1; optional `cpu_s`, `wall_s`, `peak_bytes` (capture) and `status` (capture) text.
 """
@@ -29,7 +29,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Estimates:
-    """One estimator's answers to all captures of a store; `arrays[i]` is None where it gave none."""
+    """Estimates of one estimator for all captures of a store; `arrays[i]` is None where it returned none for capture i."""
 
     label: str
     modality: str
@@ -43,12 +43,12 @@ class Estimates:
 
     @property
     def gives(self) -> Stage:
-        """The estimator's stage; the first of the modality where none is named."""
+        """The stage of the estimator; if `stage` is empty, the first of the modality."""
         return stage_of(self.stage) if self.stage else layout_of(self.modality).stages[0]
 
 
 def write_estimates(path: Path, estimates: Estimates) -> None:
-    """Write a file, whole or not at all. Raises InputError where the place is full or may not be written."""
+    """Write a file completely or not at all. Raises InputError if the disk is full or the file cannot be written."""
     import h5py
 
     from .hdf5 import hdf5_output
@@ -79,7 +79,7 @@ def write_estimates(path: Path, estimates: Estimates) -> None:
 
 
 def _stacked(arrays: list[dict[str, NDArray[Any]] | None], name: str, ndim: int, *, flag: bool) -> NDArray[Any]:
-    """One variable of all captures; NaN (False) where an estimator gave nothing, or chose a shorter dimension."""
+    """One variable of all captures; NaN (False) where the estimator returned nothing, or chose a shorter dimension."""
     shapes = [np.shape(one[name]) for one in arrays if one is not None]
     shape = tuple(max(lengths) for lengths in zip(*shapes, strict=True)) if shapes else (0,) * ndim
     stack = np.full((len(arrays), *shape), False if flag else np.nan, dtype="?" if flag else "f8")
@@ -94,7 +94,7 @@ def list_estimates(source: Path) -> list[Path]:
     """The files of estimates in a folder, or the one file given.
 
     Raises:
-        InputError: there is none.
+        InputError: there are none.
     """
     files = sorted([*source.glob("*.h5"), *source.glob("*.hdf5")]) if source.is_dir() else [source]
     if not files or not files[0].is_file():
@@ -110,27 +110,27 @@ def list_estimates(source: Path) -> list[Path]:
 def read_estimates(
     path: Path, count: int, sizes: Mapping[str, int], *, modality: str, captures_sha256: str = ""
 ) -> Estimates:
-    """Read one file and check it against the captures: `count` of them, each of `sizes` (dimension: length).
+    """Read one file and check that it fits `count` captures, each of `sizes` (dimension: length).
 
     Main arguments:
-        modality: of the captures; the file's, where it states one, must be the same.
-        captures_sha256: of the captures' manifest (`CaptureSet.sha256`); the file's, where it states one, must be the same.
+        modality: modality of the captures; if the file states one, it must be equal.
+        captures_sha256: sha256 of the captures' manifest (`CaptureSet.sha256`); if the file states one, it must be equal.
 
     Raises:
-        InputError: not such a file, arrays of another shape or type, or estimates from other captures.
+        InputError: the file is not one of estimates, its arrays have another shape or type, or it is of other captures.
     Warns:
         UserWarning: the file does not state from which captures it was made.
     """
     import h5py
 
-    wanted = "the variables of a stage"
+    variables = "the variables of a stage"
     try:
         with h5py.File(path, "r") as file:
             _check_version(file, path)
             label = _text(file.attrs.get("estimator", path.stem))
             _check_origin(file, path, modality, captures_sha256)
             stage = _stage(file, path, modality)
-            wanted = ", ".join(stage.dims())
+            variables = ", ".join(stage.dims())
             stacks = _stacks(file, path, count, stage, sizes)
             numbers = {name: _numbers(file, name, path, count) for name in ("cpu_s", "wall_s", "peak_bytes")}
             status = _statuses(file, path, count)
@@ -138,7 +138,7 @@ def read_estimates(
         if isinstance(error, InputError):
             raise
         raise InputError(
-            "The estimates cannot be read.", where=str(path), value=str(error), allowed=f"HDF5 with {wanted}"
+            "The estimates cannot be read.", where=str(path), value=str(error), allowed=f"HDF5 with {variables}"
         ) from error
     arrays: list[dict[str, NDArray[Any]] | None] = []
     for index in range(count):
@@ -153,7 +153,7 @@ def read_estimates(
 
 
 def _stage(file: Any, path: Path, modality: str) -> Stage:
-    """The stage that a file states, which must be of the captures' modality; the modality's first where it states none."""
+    """The stage that a file states, checked against the captures' modality; by default the modality's first."""
     first = layout_of(modality).stages[0]
     word = _text(file.attrs.get("stage", first.word))
     words = [stage.word for stage in layout_of(modality).stages]
@@ -166,16 +166,16 @@ def _stage(file: Any, path: Path, modality: str) -> Stage:
 
 
 def _stacks(file: Any, path: Path, count: int, stage: Stage, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
-    """All variables of a stage, checked: floats, and flags as bool."""
+    """All variables of a stage, checked, as float or (flags) bool."""
     known = dict(sizes)
     stacks: dict[str, NDArray[Any]] = {}
     flags = {stage.variables(quantity).valid for quantity in stage.gives}
     for name, dims in stage.dims().items():
-        if name in file:  # a dimension that the captures lack is as long as the estimator made it
+        if name in file:  # the estimator chooses the length of a dimension that the captures lack
             lengths = _dataset(file, name, path).shape[1:]
             known |= {dim: n for dim, n in zip(dims, lengths, strict=False) if dim not in known and n}
         shape = (count, *(known.get(dim, 0) for dim in dims))
-        stack = _stack(file, name, path, shape, flag=name in flags, wanted=", ".join(stage.dims()))
+        stack = _stack(file, name, path, shape, flag=name in flags, allowed=", ".join(stage.dims()))
         stacks[name] = stack.astype(bool if name in flags else float)
     return stacks
 
@@ -192,7 +192,7 @@ def _statuses(file: Any, path: Path, count: int) -> list[str]:
 
 
 def _judged(one: dict[str, NDArray[Any]], stage: Stage) -> str:
-    """Status of the answer to one capture: "ok", or what is wrong with its numbers."""
+    """Status of the estimate of one capture: "ok", or what is wrong with its numbers."""
     for quantity in stage.gives:
         names = stage.variables(quantity)
         value, sigma, valid = (one[name] for name in names.all)
@@ -218,7 +218,7 @@ def _check_version(file: Any, path: Path) -> None:
 
 
 def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) -> None:
-    """Refuse estimates of other captures: shapes that agree by chance would be scored against a foreign truth."""
+    """Refuse estimates of other captures: equal shapes would have them scored against another capture's truth."""
     stated = _text(file.attrs.get("modality", modality))
     if stated != modality:
         raise InputError(
@@ -232,8 +232,8 @@ def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) ->
         return
     if not source:
         warnings.warn(
-            f"{path.name} does not state from which captures it was made (attribute captures_sha256, as `beambench export` "
-            "hands it on), so that nothing shows that it fits.",
+            f"{path.name} does not state from which captures it was made (attribute captures_sha256, which `beambench export` "
+            "writes), so it cannot be checked against these captures.",
             stacklevel=3,
         )
     elif source != captures_sha256:
@@ -246,12 +246,12 @@ def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) ->
         )
 
 
-def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...], *, flag: bool, wanted: str) -> NDArray[Any]:
+def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...], *, flag: bool, allowed: str) -> NDArray[Any]:
     if name not in file:
-        raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed=wanted)
+        raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed=allowed)
     dataset = _dataset(file, name, path)
     if tuple(dataset.shape) != shape:
-        # An estimator that failed on every capture leaves no image; its statuses tell why.
+        # An estimator that failed on every capture writes no image; its statuses give the reasons.
         if 0 in dataset.shape and dataset.shape[0] == shape[0]:
             return np.full(shape, False if flag else np.nan)
         raise InputError(
@@ -267,7 +267,9 @@ def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...], *, flag: bo
             allowed="0 and 1" if flag else "floating point",
         )  # fmt: skip
     if flag and not np.isin(values, (0, 1)).all():
-        raise InputError("The estimates' `valid` is neither yes nor no.", where=f"{path}: {name}", allowed="0 and 1")
+        raise InputError(
+            "The estimates' `valid` holds values other than 0 and 1.", where=f"{path}: {name}", allowed="0 and 1"
+        )
     return values
 
 
@@ -284,13 +286,13 @@ def _dataset(file: Any, name: str, path: Path) -> Any:
 
 
 def _numbers(file: Any, name: str, path: Path, count: int) -> list[float]:
-    # A vector of a program without one-dimensional arrays is a row or a column.
+    # A program without one-dimensional arrays writes a vector as a row or a column.
     values = list(map(float, np.ravel(_dataset(file, name, path)[()]))) if name in file else []
     return values if len(values) == count else [math.nan] * count
 
 
 def _text(value: Any) -> str:
-    """Text of any string type of HDF5; MATLAB also writes it as an array of one."""
+    """Text from any string type of HDF5. MATLAB also writes text as an array of length 1."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.ravel()[0]
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

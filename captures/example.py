@@ -1,4 +1,4 @@
-"""A small capture of arbitrary numbers in the right layout, to try readers, writers and plug-ins on. Not physics."""
+"""A small valid capture of arbitrary numbers, for tests of readers, writers and plug-ins. It is not physics."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def example_capture(
     """A valid capture of `modality` with random values and truth of kind "rendered".
 
     Main arguments:
-        modality, seed: equal arguments give equal bits.
+        modality: a name in `captures.layouts.LAYOUTS`. seed: random seed; equal arguments give equal bits.
     Other arguments:
-        sizes: sizes of dimensions that differ from small usual ones, e.g. {"row": 64}.
-        optional: whether optional variables are there too.
-        channel: whether variables that may have a last dimension `channel` have it.
+        sizes: lengths of dimensions that replace the defaults, e.g. {"row": 64}.
+        optional: whether the capture has the optional variables.
+        channel: whether variables with an optional last dimension `channel` have it.
 
     Raises InputError for an unknown modality.
     """

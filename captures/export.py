@@ -1,4 +1,4 @@
-"""Captures without their truth as one HDF5 file, for programs in any language (docs/external-estimators.md)."""
+"""Export captures without their truth as one HDF5 file, for programs in any language (docs/external-estimators.md)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["export_hdf5"]
 
 
 def export_hdf5(captures: CaptureSet, path: Path) -> None:
-    """Write what an estimator may see of the captures: no truth, no seed, nothing from which either follows.
+    """Write the part of captures that an estimator may read: no truth, no seed, nothing from which either follows.
 
     Datasets have the capture as first axis: the measured variable and its coordinates (e.g. `counts` (capture, slice, row,
     col), `delay` (capture, slice)), each with attributes `units` and `dims`; `rig` (capture), the declared instrument as
@@ -28,7 +28,7 @@ def export_hdf5(captures: CaptureSet, path: Path) -> None:
     repeat to state which captures they belong to.
 
     Raises:
-        InputError: A capture is damaged, or the place is full or cannot be written; nothing is left then.
+        InputError: a capture is damaged, or the file cannot be written or the disk is full; then no file is left.
     """
     import h5py
 
@@ -49,7 +49,7 @@ def export_hdf5(captures: CaptureSet, path: Path) -> None:
 
 
 def _create(file: Any, capture: xr.Dataset, count: int) -> None:
-    """Attributes, and empty datasets for `count` captures like this one."""
+    """Write the attributes, and create datasets for `count` captures like this one."""
     for attribute in ("schema_version", "modality"):
         file.attrs[attribute] = capture.attrs[attribute]
     file.attrs["averaged"] = int(bool(capture.attrs.get("averaged", False)))

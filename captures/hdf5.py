@@ -1,4 +1,4 @@
-"""An HDF5 file that is complete or absent, even on a full disk, where HDF5 itself aborts the process on closing."""
+"""Write an HDF5 file completely or not at all, even on a full disk, where HDF5 would abort the process on closing."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["Hdf5Output", "hdf5_output"]
 
 
 class _Sink(io.RawIOBase):
-    """A file whose writes never fail: after the first error, which is kept in `error`, it keeps the data in memory.
+    """A file whose writes never fail: after the first error, which is stored in `error`, it holds the data in memory.
 
-    HDF5 keeps a file open if it could not write the last blocks, and tries again when the process ends, which then aborts. So
-    every write reports success to HDF5, and the caller checks `error`.
+    If HDF5 cannot write the last blocks, it leaves the file open and tries again when the process ends, which then aborts.
+    Therefore every write reports success to HDF5, and the caller checks `error`.
     """
 
     def __init__(self, file: io.FileIO) -> None:
@@ -86,13 +86,13 @@ class _Sink(io.RawIOBase):
 
 
 class Hdf5Output:
-    """The open file, `h5` (an `h5py.File`), and `check()`, which reports a full disk early."""
+    """The open file `h5` (an `h5py.File`), and `check()`, which reports a full disk early."""
 
     def __init__(self, h5: Any, sink: _Sink, path: Path) -> None:
         self.h5, self._sink, self._path = h5, sink, path
 
     def check(self) -> None:
-        """Raise InputError if a write has failed so far."""
+        """Raise InputError if a write has failed."""
         if self._sink.error is not None:
             raise _refused(self._sink.error, self._path) from self._sink.error
 
@@ -102,10 +102,10 @@ def hdf5_output(path: Path) -> Iterator[Hdf5Output]:
     """Write an HDF5 file under a temporary name and rename it when the block ends without an error.
 
     Main arguments:
-        path: The file.
+        path: the file to write.
 
     Raises:
-        InputError: The file cannot be written, or the disk is full; then neither file is left.
+        InputError: the file cannot be written, or the disk is full; then neither file is left.
     """
     import h5py
 

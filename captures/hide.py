@@ -1,4 +1,4 @@
-"""What an estimator may see of a capture: an allow-list, rebuilt from plain arrays, without a way back to the truth."""
+"""The part of a capture that an estimator may read: an allow-list, rebuilt from plain arrays, with no path to the truth."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 __all__ = ["VISIBLE_ATTRIBUTES", "hide_truth", "sealed"]
 
 VISIBLE_ATTRIBUTES = ("schema_version", "modality", "rig", "averaged")
-"""All that an estimator reads beside the data: the instrument as declared. The seed would give the noise away."""
+"""The attributes that an estimator may read: the declared instrument. The seed is hidden, as the noise follows from it."""
 
 
 def hide_truth(capture: xr.Dataset) -> xr.Dataset:
-    """A new dataset in memory with the data and coordinates of the schema that are no truth, and `VISIBLE_ATTRIBUTES`.
+    """A new dataset in memory with the layout's data and coordinates, without truth, and with `VISIBLE_ATTRIBUTES`.
 
-    Nothing else is copied: no encodings (an encoding's `source` reopens the store), no attributes of variables but
-    `units` and the schema's `long_name`. Arrays are read-only views where the memory holds nothing else, otherwise
-    copies. Raises InputError for an unknown modality.
+    Nothing else is copied: no encodings (an encoding's `source` reopens the store), and no attributes of variables except
+    `units` and the layout's `long_name`. An array is a read-only view if its memory holds nothing else, otherwise a copy.
+    Raises InputError for an unknown modality.
     """
     import xarray as xr
 
@@ -45,11 +45,11 @@ def hide_truth(capture: xr.Dataset) -> xr.Dataset:
 
 
 def sealed(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """A read-only array of the same values whose chain of bases holds no other memory than its own."""
+    """A read-only array of equal values whose chain of bases holds no memory beyond its own."""
     root: Any = array
     while isinstance(root, np.ndarray) and root.base is not None:
         root = root.base
-    # A mapped file or a larger buffer could be walked back to what is hidden.
+    # A view of a mapped file or of a larger buffer would lead to the hidden values through `base`.
     private = type(root) is np.ndarray and root.nbytes == array.nbytes and root.base is None
     result = array.view(np.ndarray) if private else np.array(array, order="C", copy=True)
     result.flags.writeable = False

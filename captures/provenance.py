@@ -1,7 +1,7 @@
-"""What made a capture: versions, processor and the generator's arguments, so that it can be made again.
+"""Provenance of a capture: versions, processor and the generator's arguments, from which it can be generated again.
 
-Equal bits are promised for equal versions and processor features. Nothing names a person, a machine or a folder, and
-no clock is read: two runs on one machine have equal provenance.
+Equal bits are promised for equal versions and processor features. The provenance names no person, machine or folder and
+contains no time of day, so that two runs on one machine have equal provenance.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ def provenance(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Provenance of a capture as a JSON object.
 
     Main arguments:
-        arguments: all that the generator was called with (scene, seed, capture_key, fidelity, rtol, ...), JSON values.
+        arguments: every argument of the generator (scene, seed, capture_key, fidelity, rtol, ...), as JSON values.
 
-    Packages that take part only in some scenes are listed if they are loaded. Raises InputError for arguments that
-    JSON cannot hold.
+    Packages that only some scenes use are listed if they are loaded. Raises InputError for arguments that JSON cannot
+    hold.
     """
     try:
         kept = json.loads(json.dumps(dict(arguments), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"arguments are not representable as JSON: {error}", where="provenance", allowed="JSON without NaN"
+            f"The arguments are not representable as JSON: {error}.", where="provenance", allowed="JSON without NaN"
         ) from error
     return {
         "beambench": _version("beambench"),
@@ -53,14 +53,14 @@ def provenance(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages that shape the bits of a capture."""
+    """Versions of the packages on which the bits of a capture depend."""
     names = [name for name in _PACKAGES if name not in _ONLY_IF_LOADED or name in sys.modules]
     return {name: _version(name) for name in names}
 
 
 @cache
 def cpu() -> dict[str, Any]:
-    """Model and vector features of the processor: kernels choose their instructions, and so their rounding, by them."""
+    """Model and vector features of the processor, on which the instructions of kernels, and so their rounding, depend."""
     fields: dict[str, str] = {}
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:

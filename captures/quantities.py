@@ -1,8 +1,8 @@
-"""What estimators give: quantities with their units and dimensions, and the stages that an estimator may take.
+"""Quantities that estimators return, with units and dimensions, and the stages to which estimators belong.
 
-A stage is the word under `@estimator`. Most modalities have one, from a capture to a range; a line or a wavefront has a
-chain of them, each of which reads what the one before gives. Each layout lists the stages of its modality
-(`captures/layouts/<modality>.py`).
+The argument of `@estimator` names a stage. Most modalities have one stage, from a capture to a range; a laser line or a
+wavefront has a chain of stages, each of which reads the result of an earlier one. Each layout lists the stages of its
+modality (`captures/layouts/<modality>.py`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 __all__ = ["CAPTURE", "Quantity", "Stage"]
 
-#: What the first stage of a modality reads.
+#: Input of the first stage of a modality.
 CAPTURE = "capture"
 
 
@@ -20,15 +20,15 @@ class Quantity:
     """A measured quantity.
 
     Main arguments:
-        name, unit: as variables and tables name them, e.g. "range" and "m".
-        dims: dimensions of an estimate of one capture. A dimension that the capture an estimator reads does not have is
-            the estimator's to choose.
-        long_name: what it is, for people.
+        name, unit: name and unit in variables and tables, e.g. "range" and "m".
+        dims: dimensions of an estimate of one capture. The estimator chooses the length of a dimension that its capture
+            does not have.
+        long_name: description in a few words.
     Other arguments:
-        shown: (factor, unit) for people, e.g. (1e3, "mm").
-        positive: whether values of zero and below are impossible.
-        components: the last dimensions, where they are the components of one element (x, y and z of a point): an element
-            has one `valid`, and as many values and standard errors as components.
+        shown: (factor, unit) for display, e.g. (1e3, "mm").
+        positive: whether zero and negative values are impossible.
+        components: the last dimensions, if they count the components of one element (x, y and z of a point): an element
+            has one `valid`, and a value and a standard error per component.
     """
 
     name: str
@@ -41,17 +41,17 @@ class Quantity:
 
     @property
     def element_dims(self) -> tuple[str, ...]:
-        """Dimensions of `valid`: those of the quantity without its components."""
+        """Dimensions of `valid`: those of the quantity, without its components."""
         return self.dims[: len(self.dims) - len(self.components)]
 
     @property
     def is_image(self) -> bool:
-        """Whether an estimate is one picture of the scene: a value per row and column of a camera."""
+        """Whether an estimate is an image: one value per row and column of a camera."""
         return self.dims == ("row", "col")
 
     @property
     def display(self) -> tuple[float, str]:
-        """Factor and unit in which people read the quantity."""
+        """Factor and unit in which the quantity is displayed."""
         return (self.shown[0], self.shown[1] or self.unit)
 
 
@@ -74,11 +74,11 @@ class Stage:
     """A step from a capture, or from the estimates of another stage, to quantities.
 
     Main arguments:
-        word: under `@estimator`, unique over all modalities.
-        name: in the column `stage` of tables.
-        modality: of the captures that the chain starts from.
-        takes: what is read, in order: "capture", the names of quantities of other stages, "rig".
-        gives: the quantities, the one that is scored first in front.
+        word: argument of `@estimator`, unique over all modalities.
+        name: entry of the column `stage` in tables.
+        modality: modality of the captures at the start of the chain.
+        takes: inputs in order: "capture", the names of quantities of other stages, "rig".
+        gives: quantities that the stage returns; the main one comes first.
     """
 
     word: str
@@ -89,18 +89,18 @@ class Stage:
 
     @property
     def reads_captures(self) -> bool:
-        """Whether the stage reads captures, rather than what another stage gives."""
+        """Whether the stage reads captures, not the results of another stage."""
         return CAPTURE in self.takes
 
     def variables(self, quantity: Quantity) -> Variables:
-        """The variables of one quantity: `range`, `sigma`, `valid`; of every quantity but the first, the last two end in
-        its name: `sigma_phase`, `valid_phase`."""
+        """The variables of one quantity: `range`, `sigma`, `valid`. For every quantity after the first, the names of the last
+        two end in its own: `sigma_phase`, `valid_phase`."""
         if quantity == self.gives[0]:
             return Variables(quantity.name, "sigma", "valid")
         return Variables(quantity.name, f"sigma_{quantity.name}", f"valid_{quantity.name}")
 
     def dims(self) -> dict[str, tuple[str, ...]]:
-        """Dimensions of every variable of an estimate, by its name."""
+        """Dimensions of every variable of an estimate, by name."""
         found: dict[str, tuple[str, ...]] = {}
         for quantity in self.gives:
             names = self.variables(quantity)

@@ -11,5 +11,5 @@ __all__ = ["sizes_of"]
 
 
 def sizes_of(capture: xr.Dataset) -> dict[str, int]:
-    """Length of every dimension of a capture, by its name."""
+    """Length of every dimension of a capture, by name."""
     return {str(dim): int(length) for dim, length in capture.sizes.items()}

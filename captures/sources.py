@@ -1,6 +1,6 @@
-"""The files that a scene is made of: meshes, grids and textures. A capture records their names and sha256, not their folders.
+"""The files that a scene needs: meshes, grids and textures. A capture records their names and sha256, not their folders.
 
-So that it tells nothing of the machine, is the same wherever it is made, and a file that has changed is told.
+Therefore a capture reveals nothing about the machine, is the same wherever it is made, and shows when a file has changed.
 """
 
 from __future__ import annotations
@@ -19,22 +19,26 @@ _LIBRARY = "library:"
 
 
 def source_files(scene: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Of each file that a scene names: `path` of its key in the scene, bare `name`, `bytes` and `sha256` in hex.
+    """Of each file that a scene names: `path` of its key in the scene, bare `name`, `bytes` and `sha256` in hex. Files that hold
+    the numbers of a mesh file follow it, with their own name after that of the key.
 
     Main arguments:
-        scene: as plain data, with names that lead to the files.
+        scene: the scene as plain data, with names that lead to the files.
 
-    Raises InputError where a file is not there.
+    Raises InputError if a file is missing or cannot be read.
     """
     found = []
     for key, _, spec in _named(scene):
         size, digest = _fingerprint(spec["file"], key)
         found.append({"path": key, "name": _bare(spec["file"]), "bytes": size, "sha256": digest})
+        for name, path in _beside(spec["file"], key):
+            size, digest = _fingerprint(str(path), key)
+            found.append({"path": f"{key}/{name}", "name": name, "bytes": size, "sha256": digest})
     return found
 
 
 def bare_scene(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """`scene` with the bare names of its files; equal to `scene` where it names none, or those of the library only."""
+    """`scene` with the bare names of its files; equal to `scene` if it names no files, or only files of the library."""
     bare = copy.deepcopy(dict(scene))
     for _, _, spec in _named(bare):
         spec["file"] = _bare(spec["file"])
@@ -48,16 +52,18 @@ def find_sources(
     given: Mapping[str, Any],
     where: str,
 ) -> dict[str, Any]:
-    """The scene of a capture with names that lead to its files again.
+    """The scene of a capture, with names that lead to its files again.
 
     Main arguments:
-        scene: as the capture records it. files: as `source_files` gave when it was made; empty in older captures, whose
-            files are taken unchecked. places: the folders to look in.
+        scene: the scene as the capture records it.
+        files: the result of `source_files` when the capture was made; empty in older captures, whose files are not checked.
+        places: folders to search.
     Other arguments:
-        given: {key: path} of files that lie elsewhere, e.g. {"target.0.shape.file": "/data/a.ply"}. where: which capture.
+        given: {key: path} of files in other places, e.g. {"target.0.shape.file": "/data/a.ply"}.
+        where: the capture, for messages.
 
     Raises:
-        InputError: a file is not found, its sha256 is another, or `given` names no file of the scene.
+        InputError: a file is missing or has another sha256, or `given` names a key that is no file of the scene.
     """
     kept = {str(entry["path"]): entry for entry in files}
     found = copy.deepcopy(dict(scene))
@@ -75,15 +81,18 @@ def find_sources(
         there = [item for item in candidates if item.startswith(_LIBRARY) or Path(item).expanduser().is_file()]
         if not there:
             raise InputError(
-                "A file of the capture's scene is not here.", where=f"{where}: {key}", value=candidates[0],
+                "A file of the capture's scene is missing.", where=f"{where}: {key}", value=candidates[0],
                 allowed=_described(kept.get(key)),
-                next_step=f"put it beside the store, or tell where it is: --set {key}=PATH",
+                next_step=f"put it beside the store, or state its path: --set {key}=PATH",
             )  # fmt: skip
         spec["file"] = _matching(there, kept.get(key), f"{where}: {key}")
+        for beside, path in _beside(spec["file"], key):
+            if (then := kept.get(f"{key}/{beside}")) is not None:
+                _matching([str(path)], then, f"{where}: {key}")
     if asked:
         raise InputError(
-            "--like repeats a store from its own records; nothing of them can be changed.", where="--set",
-            value=", ".join(asked), allowed="where a file of its scene lies, e.g. target.0.shape.file=PATH",
+            "The option --like repeats a store from its own records, which cannot be changed.", where="--set",
+            value=", ".join(asked), allowed="the path of a file of its scene, e.g. target.0.shape.file=PATH",
         )  # fmt: skip
     return found
 
@@ -94,11 +103,11 @@ def _matching(there: Sequence[str], then: Mapping[str, Any] | None, where: str) 
             return item
     size, digest = _fingerprint(there[0], where)
     raise InputError(
-        "A file of the scene is not the one that the capture was made from.",
+        "A file of the scene differs from the one that the capture was made from.",
         where=f"{where}: {_bare(there[0])}",
         value=f"sha256 {digest[:16]}…, {size} bytes",
         allowed=_described(then),
-        next_step="put the file back, or generate anew from the scene as it is now",
+        next_step="restore the file, or generate anew from the scene as it is now",
     )
 
 
@@ -113,7 +122,7 @@ def _fingerprint(file: str, where: str) -> tuple[int, str]:
     try:
         return path.stat().st_size, sha256_file(path)
     except OSError as error:
-        raise InputError(f"A file of the scene cannot be read: {error.strerror}", where=where, value=file) from error
+        raise InputError(f"A file of the scene cannot be read: {error.strerror}.", where=where, value=file) from error
 
 
 def _named(scene: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -124,6 +133,16 @@ def _named(scene: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]
             spec = item.get(part) if isinstance(item, dict) else None
             if isinstance(spec, dict) and isinstance(spec.get("file"), str):
                 yield f"target.{index}.{part}.file", f"target.{item.get('name')}.{part}.file", spec
+
+
+def _beside(file: str, where: str) -> list[tuple[str, Path]]:
+    """(name, path) of the files that hold the numbers of a mesh file, such as the .bin of a .gltf."""
+    from ..scenes.meshes import resolve_file
+    from ..scenes.readers.mesh_file import side_files
+
+    path = resolve_file(file, where)
+    folder = path.resolve().parent
+    return [(side.relative_to(folder).as_posix(), side) for side in side_files(path)]
 
 
 def _bare(file: str) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["BUILTIN"]
+__all__ = ["BUILTIN", "WITHHELD"]
 
 #: name -> "module:function"
 BUILTIN: dict[str, str] = {
     "amcw-decade": "beambench.estimators.amcw.phase:amcw_decade",
     "amcw-ml": "beambench.estimators.amcw.ml:amcw_ml",
     "amcw-phase": "beambench.estimators.amcw.phase:amcw_phase",
-    "chua-2016": "beambench.estimators.gated.chua_2016:chua_2016",
     "chua-2017": "beambench.estimators.gated.chua_2017:chua_2017",
     "chua-2017-orthogonal": "beambench.estimators.gated.chua_2017:chua_2017_orthogonal",
     "constant-fraction": "beambench.estimators.gated.constant_fraction:constant_fraction",
@@ -22,15 +21,27 @@ BUILTIN: dict[str, str] = {
     "poisson-ml": "beambench.estimators.gated.poisson_ml:poisson_ml",
     "poisson-ml-backscatter": "beambench.estimators.gated.poisson_ml_backscatter:poisson_ml_backscatter",
     "poisson-ml-two-returns": "beambench.estimators.gated.poisson_ml_two_returns:poisson_ml_two_returns",
+    "radiometric-average": "beambench.estimators.gated.radiometric_average:radiometric_average",
     "range-intensity-correlation": "beambench.estimators.gated.range_intensity:range_intensity_correlation",
     "threshold": "beambench.estimators.gated.threshold:threshold",
     "waveform-average": "beambench.estimators.waveform.average:waveform_average",
     "waveform-coates": "beambench.estimators.waveform.average:waveform_coates",
-    "waveform-constant-fraction": "beambench.estimators.waveform.edge:waveform_constant_fraction",
+    "waveform-constant-fraction": "beambench.estimators.waveform.fraction:waveform_constant_fraction",
     "waveform-counter": "beambench.estimators.waveform.edge:waveform_counter",
+    "waveform-first-return": "beambench.estimators.waveform.fraction:waveform_first_return",
     "waveform-gaussian": "beambench.estimators.waveform.gaussian:waveform_gaussian",
     "waveform-leading-edge": "beambench.estimators.waveform.edge:waveform_leading_edge",
     "waveform-matched": "beambench.estimators.waveform.ml:waveform_matched",
     "waveform-ml": "beambench.estimators.waveform.ml:waveform_ml",
+    "waveform-several-returns": "beambench.estimators.waveform.returns:waveform_several_returns",
     "weighted-average": "beambench.estimators.gated.weighted_average:weighted_average",
+}
+
+#: Names of published estimators that are not built, and of ours that had them: name -> (why, the name that ours has now).
+WITHHELD: dict[str, tuple[str, str]] = {
+    "chua-2016": (
+        "The estimator of Chua et al. 2016 (J. Eur. Opt. Soc. Rapid Publ. 11:16015) is not built: the formula of its weights, "
+        "from detection threshold and system noise, is not known to this project.",
+        "radiometric-average",
+    ),
 }

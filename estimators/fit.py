@@ -49,12 +49,16 @@ def _solve(matrix: Float, right: Float) -> Float:
     return np.where(good[..., None, None], x, np.nan)
 
 
-def scoring(model: Model, weigh: Weigh, start: Float, low: Float, high: Float, reach: Float) -> Fit:
+def scoring(
+    model: Model, weigh: Weigh, start: Float, low: Float, high: Float, reach: Float, judged: tuple[int, ...] = (0,)
+) -> Fit:
     """Fit every shot.
 
     Main arguments:
         model, weigh: as above; both get the indices of the shots that are still being fitted.
         start (shot, parameter): first values. low, high (shot, parameter): limits. reach (parameter): longest step.
+    Other arguments:
+        judged: the parameters whose steps decide whether a fit has settled.
     """
     theta = np.clip(start, low, high)
     shots, parameters = theta.shape
@@ -64,7 +68,7 @@ def scoring(model: Model, weigh: Weigh, start: Float, low: Float, high: Float, r
     rows: npt.NDArray[np.intp] = np.flatnonzero(np.isfinite(theta).all(axis=1))
     mean, slope = model(theta[rows], rows)
     objective, w, e, v = weigh(mean, rows)
-    eye = np.eye(parameters)
+    eye, some = np.eye(parameters), list(judged)
     for _ in range(_STEPS):
         if rows.size == 0:
             break
@@ -81,8 +85,8 @@ def scoring(model: Model, weigh: Weigh, start: Float, low: Float, high: Float, r
         better = objective_t <= objective
         moved = np.abs(trial - theta[rows])
         spread = _covariance(h, slope, w, v)
-        small = (np.abs(plain[:, :1]) <= _SETTLED * np.sqrt(spread[:, :1])).all(axis=1)
-        still = better & (moved[:, 0] <= _SETTLED * np.sqrt(spread[:, 0]))
+        small = (np.abs(plain[:, some]) <= _SETTLED * np.sqrt(spread[:, some])).all(axis=1)
+        still = better & (moved[:, some] <= _SETTLED * np.sqrt(spread[:, some])).all(axis=1)
         theta[rows[better]] = trial[better]
         damping[rows] = np.where(better, np.maximum(damping[rows] * 0.2, 1e-9), np.minimum(damping[rows] * 8, 1e9))
         for old, new in ((mean, mean_t), (w, w_t), (e, e_t), (v, v_t)):

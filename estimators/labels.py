@@ -27,7 +27,7 @@ _KEY = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*$")
 def _parse_value(text: str) -> Any:
     try:
         value = json.loads(text)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):  # no JSON, or a number of more digits than Python reads
         return text
     return text if isinstance(value, (list, dict)) else value
 

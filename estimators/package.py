@@ -112,7 +112,10 @@ def {module}(capture: xr.Dataset, *, threshold: float = 0.05) -> xr.Dataset:
     centre = gate["start_s"] + gate["step_s"] * (np.arange(value.size) * value).sum() / value.sum()
     range_m = C_M_PER_S * (median + centre) / (2.0 * rig["medium"]["group_index"])
     step_m = C_M_PER_S * np.median(np.diff(delay)) / (2.0 * rig["medium"]["group_index"])
-    valid = strong & np.isfinite(range_m) & (range_m > 0)
+    # Samples far below the offset or at the end of the converter are no measurement: their pixels have no answer.
+    offset, top = rig["detector"]["offset_dn"], 2 ** rig["detector"]["adc_bits"] - 1
+    sound = (counts >= offset / 2) & (counts < top)
+    valid = strong & sound.all(axis=0) & np.isfinite(range_m) & (range_m > 0)
     dims = ("row", "col")
     return xr.Dataset(
         {{

@@ -15,7 +15,8 @@ import xarray as xr
 from ..captures.layouts import stage_of
 from ..captures.quantities import Stage
 from ..scenes.errors import InputError
-from .builtin import BUILTIN
+from ..scenes.forks import refuse_forked
+from .builtin import BUILTIN, WITHHELD
 from .labels import check_parameters, format_label, parse_label
 from .result import check_result
 from .rig import read_rig
@@ -54,15 +55,16 @@ class Estimator:
         try:
             rig = read_rig(capture)
         except InputError:
-            path, wanted = self.needs[0]
-            return f"reads rigs whose {path} is {wanted}, and the declared rig cannot be read"
-        for path, wanted in self.needs:
-            if (value := rig.get(path)) != wanted:
-                return f"reads rigs whose {path} is {wanted}, not {value}"
+            path, needed = self.needs[0]
+            return f"reads rigs whose {path} is {needed}, and the declared rig cannot be read"
+        for path, needed in self.needs:
+            if (value := rig.get(path)) != needed:
+                return f"reads rigs whose {path} is {needed}, not {value}"
         return ""
 
     def __call__(self, capture: xr.Dataset, **params: Any) -> xr.Dataset:
         """Run on a capture; parameters and result are checked. Raises InputError."""
+        refuse_forked()
         checked = check_parameters(self.function, params, where=self.name)
         if not self.stage.reads_captures:
             raise InputError(
@@ -153,8 +155,14 @@ def _describe(name: str, function: Any, where: str) -> Estimator:
 
 
 def get_estimator(name: str) -> Estimator:
-    """The estimator called `name`. Raises InputError where it is unknown, unmarked or cannot be imported."""
+    """The estimator called `name`. Raises InputError where it is unknown, withheld, unmarked or cannot be imported."""
     targets = _targets()
+    if name not in targets and name in WITHHELD:
+        why, ours = WITHHELD[name]
+        raise InputError(
+            why, where="estimators", value=name, allowed=", ".join(sorted(targets)),
+            next_step=f"did you mean {ours}, which had this name before?",
+        )  # fmt: skip
     if name not in targets:
         import difflib
 

@@ -51,6 +51,15 @@ class Converter(NamedTuple):
     saturation_dn: float
 
     @property
+    def dead_dn(self) -> float:
+        """The count at and below which a sample is no datum.
+
+        0, the converter's least count, where the offset lies 8 standard deviations of the floor above it: light and noise
+        cannot reach it there, so that such a sample is dead or clipped from below. −inf where the offset is lower.
+        """
+        return 0.0 if self.offset_dn > 8 * self.gain_dn_per_e * math.sqrt(self.floor_e2) else -math.inf
+
+    @property
     def floor_e2(self) -> float:
         """Variance [electrons²] of a sample without light: read noise and the converter's step, σ_r² + 1/(12 gain²)."""
         return self.read_noise_e**2 + 1 / (12 * self.gain_dn_per_e**2)

@@ -70,10 +70,12 @@ def _checked_rtol(fidelity: str, rtol: Any, name: Callable[[str], str]) -> Rtol:
     if rtol == "noise":
         if fidelity != "auto":
             raise InputError(
-                'rtol "noise" is for fidelity "auto" only: a rung is chosen by it.', where=name("rtol"), value=rtol,
+                'The tolerance rtol "noise" chooses a rung, so it needs the fidelity "auto".', where=name("rtol"), value=rtol,
                 allowed=_RTOL, next_step=f"give {name('fidelity')} auto",
             )  # fmt: skip
         return "noise"
     if isinstance(rtol, bool) or not isinstance(rtol, Real) or not 1e-6 <= float(rtol) <= 0.5:
-        raise InputError("rtol is a fraction.", where=name("rtol"), value=rtol, allowed=_RTOL)
+        raise InputError(
+            'The tolerance rtol must be a fraction, or "noise".', where=name("rtol"), value=rtol, allowed=_RTOL
+        )
     return float(rtol)

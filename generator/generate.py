@@ -6,6 +6,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
+from ..scenes.forks import refuse_forked
 from ..scenes.scene import Scene
 from .captured import captured
 from .checked import checked
@@ -57,10 +58,11 @@ def generate(
         tracer: reuse a tracer of the same target.
 
     Raises:
-        InputError: an impossible scene, an unreadable mesh, an unknown rung.
+        InputError: an impossible scene, an unreadable mesh, an unknown rung; a process forked after use.
     Warns:
         GenerationWarning: the target lies outside every gate; scattered light that the rung leaves out is not small.
     """
+    refuse_forked()
     model = model_of(scene.modality)
     key = capture_key_of(scene) if capture_key is None else capture_key
     request = checked(

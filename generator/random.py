@@ -9,7 +9,7 @@ from enum import IntEnum
 
 import numpy as np
 
-__all__ = ["BLOCK_ROWS", "Stage", "blocks", "generator"]
+__all__ = ["BLOCK_ROWS", "Stage", "blocks", "generator", "jitter_about_mean", "jitter_of_mean"]
 
 #: Rows of one block of random numbers.
 BLOCK_ROWS = 16
@@ -27,6 +27,7 @@ class Stage(IntEnum):
     PRNU = 7
     DSNU = 8
     PATHS = 9
+    PULSES = 10  # mean jitter of the pulses of a slice or record
 
 
 def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:
@@ -38,3 +39,16 @@ def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.r
 def blocks(rows: int) -> list[tuple[int, slice]]:
     """(block number, rows) of every block."""
     return [(i, slice(r, min(r + BLOCK_ROWS, rows))) for i, r in enumerate(range(0, rows, BLOCK_ROWS))]
+
+
+def jitter_of_mean(jitter_s: float, pulses: int) -> float:
+    """σ/√M, s: rms of the mean delay of M pulses that jitter by σ each. It moves all that these pulses show."""
+    return jitter_s / float(np.sqrt(pulses))
+
+
+def jitter_about_mean(jitter_s: float, pulses: int) -> float:
+    """σ√(1 − 1/M), s: rms of single pulses about the mean of their M: what broadens the sum of their light. 0 for one pulse.
+
+    That of the average sum: how far a draw of few pulses differs in width and shape is left out.
+    """
+    return jitter_s * float(np.sqrt(1.0 - 1.0 / pulses))

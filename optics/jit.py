@@ -3,13 +3,19 @@
 Numba keys its cache on the file of the *decorated* function: after an edit of a callee in another file the cached caller
 is stale, silently. The cache is therefore kept in a folder named by the hash of every source file that mentions a
 kernel, and any edit of these uses a new folder. Where that cannot be written, a temporary folder is used.
+
+Numba trusts what its cache holds. Here every file ends in the SHA-256 of its content, and one that a power cut, a full disk
+or a bad sector has damaged is compiled anew.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import os
 import tempfile
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +23,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     prange = range
 
-__all__ = ["c_callback", "cache_folder", "kernel", "prange", "source_hash"]
+__all__ = ["c_callback", "cache_folder", "damaged_files", "kernel", "prange", "source_hash"]
+
+_DIGEST_BYTES = 32
 
 
 def __getattr__(name: str) -> Any:
@@ -86,9 +94,61 @@ def kernel(*args: Any, **options: Any) -> Any:
     numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
     options.setdefault("cache", True)
     options.setdefault("nogil", True)
-    if len(args) == 1 and callable(args[0]) and not options.keys() - {"cache", "nogil"}:
-        return numba.njit(**options)(args[0])
-    return numba.njit(*args, **options)
+    if len(args) == 1 and callable(args[0]):
+        return _checked(numba.njit(**options)(args[0]))
+    decorate = numba.njit(*args, **options)
+    return lambda function: _checked(decorate(function))
+
+
+def _checked(dispatcher: Any) -> Any:
+    """A compiled function whose files in the cache are checked before they are used."""
+    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if file is not None:
+        file.__class__ = _checked_file()
+    return dispatcher
+
+
+@lru_cache(maxsize=1)
+def _checked_file() -> type:
+    """Numba's cache file whose content is followed by its SHA-256, which unpickling does not read."""
+    from numba.core.caching import IndexDataCacheFile
+
+    class CheckedFile(IndexDataCacheFile):
+        @contextlib.contextmanager
+        def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+            content = io.BytesIO()
+            yield content
+            body = content.getvalue()
+            with super()._open_for_write(filepath) as file:
+                file.write(body + hashlib.sha256(body).digest())
+
+        def _load_index(self) -> Any:
+            return super()._load_index() if _whole(Path(self._index_path)) else {}  # type: ignore[no-untyped-call]
+
+        def _load_data(self, name: str) -> Any:
+            if not _whole(Path(self._data_path(name))):  # type: ignore[no-untyped-call]
+                raise OSError(f"damaged: {name}")  # which Numba takes as a file to make anew
+            return super()._load_data(name)  # type: ignore[no-untyped-call]
+
+        def save(self, key: Any, data: Any) -> None:
+            with contextlib.suppress(OSError):  # a full disk ends no calculation: the function is compiled all the same
+                super().save(key, data)  # type: ignore[no-untyped-call]
+
+    return CheckedFile
+
+
+def _whole(path: Path) -> bool:
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return False
+    body, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
+    return hashlib.sha256(body).digest() == digest
+
+
+def damaged_files(folder: Path) -> list[Path]:
+    """The files of compiled kernels in a cache folder that are not as they were written."""
+    return sorted(path for path in folder.rglob("*.nb[ic]") if not _whole(path))
 
 
 def c_callback(signature: Any) -> Any:

@@ -25,10 +25,15 @@ _BLACK_BODY_M = (300e-9, 1200e-9)
 _STEP_M = 1e-9
 #: Transmission below this share of the filter's peak counts as none: no water data are needed there.
 _DARK = 1e-5
+#: This share of the response of filter and efficiency may lie where the source's spectrum is not known.
+_UNKNOWN = 1e-3
 
 
 class Spectrum(Spec):
-    """Values at ascending vacuum wavelengths, linear between, zero outside."""
+    """Values at ascending vacuum wavelengths, linear between, zero outside.
+
+    As the spectrum of a source it tells of what lies beyond an end only if the value there is 0.
+    """
 
     wavelength_m: Annotated[tuple[Positive, ...], Field(min_length=2)]
     value: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
@@ -72,6 +77,8 @@ class AmbientSpectrum(Spec):
     `spectrum`. Its strength above the water: one of `illuminance_lux` and `irradiance_w_per_m2` (over the whole spectrum; a
     black body's from 300 to 1200 nm). `filter` and `water` are given or "none"; `quantum_efficiency` is "of the detector",
     taken as flat, or a spectrum. The light is even over the field: no vignetting, no shadows.
+
+    A source is not known beyond its table (D65: 780 nm): filter and efficiency that respond there are refused.
     """
 
     kind: Literal["spectrum"]
@@ -93,6 +100,7 @@ class AmbientSpectrum(Spec):
                 raise ValueError(f"give one of {', '.join(names)}, not {' and '.join(given) or 'none'}")
         if self.illuminant is not None and self.illuminant not in colorimetry.illuminant_names():
             raise ValueError(f"no such illuminant; known are {', '.join(colorimetry.illuminant_names())}")
+        self._check_covered()
         self._shares(self._grid())  # raises where the water's source has no data
         return self
 
@@ -113,6 +121,42 @@ class AmbientSpectrum(Spec):
         if not now > 0:
             raise ValueError("the spectrum holds no light that a strength could scale")
         return wave, power * (wanted / now)
+
+    def _check_covered(self) -> None:
+        """Refuse a response where the source has no data: counted as dark, daylight would be zero at 808 and 905 nm."""
+        wave, power = self._source()
+        closed = (power[0] == 0.0, power[-1] == 0.0) if self.spectrum is not None else (False, False)
+        band, spectral = self.filter, self.quantum_efficiency
+        if isinstance(band, BandFilter):
+            around = band.centre_m + band.fwhm_m * np.linspace(-3.0, 3.0, 6001)
+        elif isinstance(spectral, Spectrum):
+            around = np.linspace(spectral.wavelength_m[0], spectral.wavelength_m[-1], 6001)
+        elif self.temperature_k is not None or all(closed):
+            return
+        else:
+            raise ValueError(
+                f"the source is known from {wave[0] * 1e9:.0f} to {wave[-1] * 1e9:.0f} nm only, and without a filter the "
+                "detector's flat efficiency has no end: give a filter, or quantum_efficiency as a spectrum"
+            )
+        at = np.unique(np.concatenate([around[around > 0], wave]))
+        response = np.ones(at.size)
+        if isinstance(band, BandFilter):
+            square = band.shape == "rectangular"
+            response = response * ambient.band_filter(at, band.centre_m, band.fwhm_m, band.peak, square=square)
+        if isinstance(spectral, Spectrum):
+            response = response * spectral.at(at)
+        whole = float(np.trapezoid(response, at))
+        for name, side in (
+            ("below", (at <= wave[0]) & ~np.bool_(closed[0])),
+            ("above", (at >= wave[-1]) & ~np.bool_(closed[1])),
+        ):
+            if side.sum() > 1 and float(np.trapezoid(response[side], at[side])) > _UNKNOWN * whole:
+                end = wave[0] if name == "below" else wave[-1]
+                seen = at[side & (response > _UNKNOWN * response.max())] * 1e9
+                raise ValueError(
+                    f"the source's spectrum is not known {name} {end * 1e9:.0f} nm, and filter and detector respond at "
+                    f"{seen.min():.0f} … {seen.max():.0f} nm: give a spectrum that covers these, or ambient_e_per_s"
+                )
 
     def _grid(self) -> Float:
         """Wavelengths that resolve source, filter and efficiency."""

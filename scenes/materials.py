@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from ..optics.reflection.albedo import albedo_limit, hemispherical_albedo
 from ..optics.reflection.angles import Angles, Array
 from ..optics.reflection.chua import chua
-from ..optics.reflection.cook_torrance import cook_torrance
+from ..optics.reflection.cook_torrance import Masking, cook_torrance
 from ..optics.reflection.lambert import lambert
 from ..optics.reflection.phong import phong
 from .base import Fraction, NonNegative, Positive, Spec
@@ -128,13 +128,18 @@ class Phong(Reflection):
 
 
 class CookTorrance(Reflection):
-    """Cook-Torrance microfacets over a Lambert base: f = kd/π + F D G/(4 cosθi cosθo), F by Schlick from `f0`."""
+    """Cook-Torrance microfacets over a Lambert base: f = kd/π + F D G/(4 cosθi cosθo), F by Schlick from `f0`.
+
+    `masking` names Smith's G: "height-correlated" (1/(1 + Λi + Λo), that of files which do not name it), or
+    "height-direction-correlated", which is exact for a coaxial rig.
+    """
 
     kind: Literal["cook-torrance"] = "cook-torrance"
     diffuse_albedo: Fraction
     f0: Fraction
     roughness: Annotated[float, Field(gt=0.005, le=1)]
     distribution: Literal["beckmann", "ggx"]
+    masking: Masking = "height-correlated"
 
     def response(self, angles: Angles) -> Array:
         """As `cook_torrance`."""
@@ -144,6 +149,7 @@ class CookTorrance(Reflection):
             f0=self.f0,
             roughness=self.roughness,
             distribution=self.distribution,
+            masking=self.masking,
         )
 
     def look(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Shapes to triangle meshes: trimesh loads, repairs and measures every mesh; grids become meshes here."""
+"""Shapes to triangle meshes: files by `readers`, turned outside out and measured by trimesh; grids become meshes here."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .readers.mesh_file import read_mesh_file
+from .readers.surface import Surface
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
 from .spec_files import LIBRARY
 
@@ -20,7 +22,10 @@ __all__ = [
 MeshArrays = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 _MAX_FILE_BYTES = 2**31
-_MESH_SUFFIXES = {".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3mf", ".gz"}
+#: A face has an area if its height is more than this share of its longest edge.
+_FLAT = 1e-12
+#: Corners nearer than this share of the mesh's largest extent are one.
+_SAME = 1e-8
 
 
 def resolve_file(name: str, where: str) -> Path:
@@ -163,71 +168,65 @@ def _height_grid(shape: HeightGrid, where: str) -> MeshArrays:
 
 
 def mesh_uv(shape: MeshFile, where: str) -> NDArray[np.float64]:
-    """Texture coordinates (vertex, 2) of a mesh file: u to the right, v downward (files count v upward).
+    """Texture coordinates (vertex, 2) of a mesh file: u to the right, v downward.
 
     Raises:
         InputError: as `shape_mesh`, or a mesh without texture coordinates.
     """
-    mesh = _read_mesh(shape, where)
-    uv = getattr(mesh.visual, "uv", None)
-    if uv is None or np.shape(uv) != (len(mesh.vertices), 2) or not np.isfinite(uv).all():
+    uv = _read_mesh(shape, where).uv
+    if uv is None or not np.isfinite(uv).all():
         raise InputError("The mesh has no texture coordinates.", where=where, value=shape.file, allowed="uv per vertex")
-    return np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1).astype(np.float64)
+    return uv
 
 
 def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
     mesh = _read_mesh(shape, where)
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    extent = float((high - low).max())
-    if extent <= 0:
-        raise InputError("The mesh has no extent.", where=where, value=shape.file)
-    vertices = (vertices - (low + high) / 2) * (shape.size_m / extent)
-    faces = np.asarray(mesh.faces, dtype=np.int64)
-    return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), faces
+    vertices = mesh.vertices * shape.size_m
+    return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), mesh.faces
 
 
-def _read_mesh(shape: MeshFile, where: str) -> Any:
-    """The file's triangles as trimesh has them, repaired and checked."""
-    import trimesh
-
-    path = resolve_file(shape.file, where)
-    if path.suffix.lower() not in _MESH_SUFFIXES:
-        raise InputError(
-            "Beambench does not read this kind of mesh file.",
-            where=where,
-            value=path.name,
-            allowed=", ".join(_MESH_SUFFIXES),
-        )
-    try:
-        if path.suffix.lower() == ".gz":
-            mesh = _load_gz(path)
-        else:
-            mesh = trimesh.load(str(path), force="mesh", process=True, skip_materials=True)
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
-        faces = np.asarray(mesh.faces, dtype=np.int64)
-    except InputError:
-        raise
-    except Exception as error:  # loaders raise whatever their parsers raise
-        raise InputError("The mesh cannot be read.", where=where, value=f"{shape.file}: {error}") from error
-    if len(faces) == 0 or len(vertices) < 3:
+def _read_mesh(shape: MeshFile, where: str) -> Surface:
+    """The file's triangles, checked, centred on the bounds of what has an area, scaled to a largest extent of 1, with equal
+    corners merged and all faces of one body turned alike."""
+    found = read_mesh_file(resolve_file(shape.file, where), where)
+    if len(found.faces) == 0:
         raise InputError("The mesh is empty.", where=where, value=shape.file, allowed="at least one triangle")
-    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError("The mesh has broken vertices or faces.", where=where, value=shape.file)
-    trimesh.repair.fix_normals(mesh)  # type: ignore[no-untyped-call]
-    return mesh
+    if found.faces.min() < 0 or found.faces.max() >= len(found.vertices):
+        raise InputError("A face of the mesh names a vertex that it does not have.", where=where, value=shape.file)
+    if not np.isfinite(found.vertices[found.faces]).all():
+        raise InputError("A corner of the mesh is not a finite number.", where=where, value=shape.file)
+    faces = _with_area(found)
+    if len(faces) == 0:
+        raise InputError("The mesh has no area.", where=where, value=shape.file, allowed="a triangle with an area")
+    used, index = np.unique(faces, return_inverse=True)
+    corners = found.vertices[used]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    # Scale before anything is compared or merged: the unit of the file must not matter.
+    unit = (corners - (low + high) / 2) / float((high - low).max())
+    uv = None if found.uv is None else found.uv[used]
+    return _merged(unit, index.reshape(-1, 3).astype(np.int64), uv)
 
 
-def _load_gz(path: Path) -> Any:
-    """A gzipped mesh, read with a bound on its size (a small file can unpack to a huge one)."""
-    import gzip
-    import io
+def _with_area(found: Surface) -> NDArray[np.int64]:
+    """The faces that have an area: others cannot be hit, and must not count for the bounds."""
+    a, b, c = (found.vertices[found.faces[:, i]] for i in range(3))
+    longest = np.max([np.linalg.norm(e, axis=1) for e in (b - a, c - b, a - c)], axis=0)
+    scale = np.where(longest > 0, longest, 1.0)[:, None]
+    area = np.linalg.norm(np.cross((b - a) / scale, (c - a) / scale), axis=1)
+    return np.asarray(found.faces[(longest > 0) & (area > _FLAT)])
 
+
+def _merged(unit: NDArray[np.float64], faces: NDArray[np.int64], uv: NDArray[np.float64] | None) -> Surface:
     import trimesh
 
-    kind = Path(path.stem).suffix.lower().removeprefix(".")
-    with gzip.open(path, "rb") as stream:
-        content = stream.read(_MAX_FILE_BYTES + 1)
-    if len(content) > _MAX_FILE_BYTES:
-        raise InputError("The unpacked mesh is too large.", where=str(path.name), allowed="up to 2 GiB")
-    return trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=True)
+    places = np.round(unit / _SAME)
+    _, position = np.unique(places, axis=0, return_inverse=True)
+    joint = position.reshape(-1)[faces]
+    body = trimesh.Trimesh(np.zeros((int(joint.max()) + 1, 3)), joint, process=False)
+    body.vertices[joint.ravel()] = unit[faces.ravel()]
+    trimesh.repair.fix_normals(body)  # type: ignore[no-untyped-call]
+    turned = np.asarray(body.faces)[:, 0] != joint[:, 0]
+    faces = np.where(turned[:, None], faces[:, ::-1], faces)
+    keys = places if uv is None else np.concatenate([places, uv], axis=1)
+    _, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return Surface(unit[first], index.reshape(-1)[faces], None if uv is None else uv[first])

@@ -16,8 +16,12 @@ from functools import partial
 from typing import Any
 
 from .errors import InputError
+from .json_keys import once
 
 __all__ = ["apply_overrides", "parse_assignments"]
+
+#: No physical value has more; Python itself stops at 4300.
+_MOST_DIGITS = 400
 
 
 def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
@@ -50,8 +54,9 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
             )  # fmt: skip
         try:
             result[path] = json.loads(
-                value, parse_constant=partial(_refuse_constant, path), parse_float=partial(_finite, path)
-            )
+                value, parse_constant=partial(_refuse_constant, path), parse_float=partial(_finite, path),
+                parse_int=partial(_whole, path), object_pairs_hook=partial(_once, path),
+            )  # fmt: skip
         except (json.JSONDecodeError, RecursionError):
             result[path] = value
     return result
@@ -70,6 +75,24 @@ def _refuse_constant(path: str, text: str) -> float:
 def _finite(path: str, text: str) -> float:
     value = float(text)
     return value if math.isfinite(value) else _refuse_constant(path, text)
+
+
+def _whole(path: str, text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise InputError(
+            "A whole number has too many digits.", where=f"--set {path}", value=f"{text[:20]}… ({len(text)} digits)",
+            allowed=f"at most {_MOST_DIGITS} digits",
+        )  # fmt: skip
+    return int(text)
+
+
+def _once(path: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    try:
+        return once(pairs)
+    except ValueError as error:
+        raise InputError(
+            "A table gives one key twice.", where=f"--set {path}", value=str(error), allowed="each key once"
+        ) from error
 
 
 def apply_overrides(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

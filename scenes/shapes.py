@@ -59,7 +59,8 @@ class HeightGrid(Spec):
 
 
 class MeshFile(Spec):
-    """Any triangle mesh that trimesh loads, scaled so that its largest extent is `size_m`, centred on its bounds."""
+    """A mesh file (.obj, .ply, .stl, .off, .gltf, .glb, .3mf, each also .gz), centred on its bounds and scaled so that its
+    largest extent is `size_m`. Faces without area do not count."""
 
     kind: Literal["mesh"] = "mesh"
     file: str

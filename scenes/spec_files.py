@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError
+from .json_keys import once
 
 __all__ = ["LIBRARY", "find_spec_file", "read_spec_file"]
 
@@ -33,7 +34,7 @@ def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> P
     if "/" not in source and inside.is_file():
         return inside
     path = Path(source).expanduser()
-    if path.suffix in {".toml", ".json"} and path.is_file():
+    if path.suffix.lower() in {".toml", ".json"} and path.is_file():
         return path
     names = sorted(path.stem for path in folder.glob("*.toml"))
     near = difflib.get_close_matches(source, names, n=3, cutoff=0.4)
@@ -55,12 +56,12 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError("The file is too large for a spec.", where=str(path), value=path.stat().st_size)
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # a byte-order mark is no part of the text
     except (OSError, UnicodeDecodeError) as error:
         raise InputError("The file cannot be read.", where=str(path), value=str(error)) from error
     try:
-        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (json.JSONDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        data = json.loads(text, object_pairs_hook=once) if path.suffix.lower() == ".json" else tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # of both parsers, and of Python for a number of too many digits
         raise InputError("The file is not well formed.", where=str(path), value=str(error)) from error
     if not isinstance(data, dict):
         raise InputError("A spec should be a table of keys.", where=str(path), value=type(data).__name__)

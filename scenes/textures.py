@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from .base import Spec
 from .errors import InputError
 from .meshes import load_grid, read_array, resolve_file, rotation_matrix
+from .readers.png import png_damage
 from .shapes import HeightGrid, Rectangle, Sphere
 
 __all__ = ["Texture", "bilinear", "load_texture", "surface_uv"]
@@ -73,6 +74,11 @@ def load_texture(texture: Texture, where: str) -> Float:
 def _read_png(path: Path, where: str) -> Float:
     import OpenImageIO as oiio
 
+    if reason := png_damage(path.read_bytes()):
+        raise InputError(
+            "The picture cannot be read.", where=where, value=f"{path.name}: {reason}", allowed="a whole PNG file",
+            next_step="copy or write the picture anew",
+        )  # fmt: skip
     image = oiio.ImageBuf(str(path))
     spec = image.spec()
     if image.has_error or spec.width * spec.height == 0:

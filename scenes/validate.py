@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -16,18 +17,17 @@ __all__ = ["validate_spec"]
 
 SpecT = TypeVar("SpecT", bound=BaseModel)
 
+_DEEPEST = 100
+_LARGEST = 10**400
+
 
 def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> SpecT:
     """Validate plain data against a spec, and raise one `InputError` that names the path of every error.
 
     Validation is strict: "5" is not a number and true is not 1.
     """
-    try:
-        text = json.dumps(data, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            "A spec holds only finite numbers, strings, lists and tables.", where=where, value=str(error)
-        ) from error
+    _check_plain(data, where)
+    text = json.dumps(data, allow_nan=False)
     try:
         return model.model_validate_json(text, strict=True)
     except ValidationError as error:
@@ -44,6 +44,38 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
             allowed=_message(first) + more + _near_keys(model, first),
             next_step=model.example if issubclass(model, Spec) else "",
         ) from error
+
+
+def _check_plain(data: Any, where: str) -> None:
+    """Refuse what no spec holds, by its key: dates, infinite numbers, numbers of too many digits, objects."""
+    todo: list[tuple[str, Any, int]] = [("", data, 0)]
+    while todo:
+        path, node, depth = todo.pop()
+        what, allowed = "", "a finite number, text, true or false, a list or a table"
+        if depth > _DEEPEST:
+            what, allowed, node = (
+                "A spec is nested too deeply.",
+                f"at most {_DEEPEST} levels",
+                f"over {_DEEPEST} levels",
+            )
+        elif isinstance(node, Mapping):
+            if all(isinstance(key, str) for key in node):
+                todo += [(f"{path}.{key}".lstrip("."), value, depth + 1) for key, value in node.items()]
+            else:
+                what = "The keys of a spec should be text."
+        elif isinstance(node, list | tuple):
+            todo += [(f"{path}.{index}".lstrip("."), value, depth + 1) for index, value in enumerate(node)]
+        elif isinstance(node, float) and not math.isfinite(node):
+            what, allowed = "A number should be finite.", "a finite number within ±1.8e308"
+        elif isinstance(node, int) and abs(node) > _LARGEST:
+            what, allowed, node = "A whole number has too many digits.", "within ±1e400", "more than 400 digits"
+        elif not (node is None or isinstance(node, bool | int | float | str)):
+            what = f"A spec cannot hold a value of this kind ({type(node).__name__})."
+        if what:
+            raise InputError(
+                what, where=f"{where}: {path or '(whole)'}", value=node if isinstance(node, float | str) else str(node)[:80],
+                allowed=allowed,
+            )  # fmt: skip
 
 
 def _message(error: Any) -> str:

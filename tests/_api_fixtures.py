@@ -1,4 +1,4 @@
-"""A run's folder as `beambench run` leaves it, made up: no generator and no estimator is needed to test its readers."""
+"""A synthetic output folder of `beambench run`, with which its readers are tested without generator and estimators."""
 
 from __future__ import annotations
 

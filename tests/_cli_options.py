@@ -1,4 +1,4 @@
-"""The options of every command as users type them: read from the command line, and as they were pinned on 2026-11-28.
+"""The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
 """

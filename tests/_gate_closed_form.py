@@ -1,4 +1,4 @@
-"""What a Gaussian pulse and a rectangular gate make of light at a time, written apart from the generator's own tables."""
+"""The response of a Gaussian pulse and a rectangular gate in closed form, independent of the generator's tables."""
 
 from __future__ import annotations
 

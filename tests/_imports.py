@@ -1,6 +1,6 @@
-"""The imports of the project's own files, read from their sources: anywhere in a file, lazy ones and those for type checkers too.
+"""The imports between the project's files, read from their sources: anywhere in a file, also lazy or for type checkers.
 
-Tables of "module:object" are not imports: they are how a record is found that nobody imports.
+Tables of "module:object" are not imports; they name records that no file imports.
 """
 
 from __future__ import annotations

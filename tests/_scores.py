@@ -1,4 +1,4 @@
-"""Scores of range estimates by hand-made truth and bound."""
+"""Scores of range estimates with given truth and bound."""
 
 from __future__ import annotations
 

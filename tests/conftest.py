@@ -1,4 +1,4 @@
-"""What all tests share: one thread per worker, the project's folder, the folder of real captures."""
+"""Fixtures of all tests: one thread per worker, the project folder, the folder of real captures."""
 
 from __future__ import annotations
 

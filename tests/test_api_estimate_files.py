@@ -1,4 +1,4 @@
-"""Files of estimates and exports: whole or absent on a full disk, tied to their captures, and no crash on odd content."""
+"""Files of estimates and exports: complete or absent on a full disk, bound to their captures; malformed ones are refused."""
 
 from __future__ import annotations
 

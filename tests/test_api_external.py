@@ -1,4 +1,4 @@
-"""Estimates of programs in other languages: what they read, and files as MATLAB and C++ write them, scored like the rest."""
+"""Estimates of programs in other languages: their input, and the scores of files as MATLAB and C++ write them."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_what_does_not_fit_is_told(store: Path, tmp_path: Path, fault: str) -> N
         file["valid"] = np.full(shape, math.nan if fault == "valid" else 1.0)
         if fault == "status":
             file["status"] = np.array([b"ok"])
-    told = {"valid": "neither yes nor no", "status": "do not fit", "axes": "do not fit"}[fault]
+    told = {"valid": "values other than 0 and 1", "status": "do not fit", "axes": "do not fit"}[fault]
     with pytest.raises(beambench.InputError, match=told):
         beambench.score(store, tmp_path / "bad.h5", out=tmp_path / "scores")
 

@@ -1,4 +1,4 @@
-"""What the command line takes for a number, a stream that is closed, and what the doctor reads."""
+"""Numbers on the command line, closed output streams, and the checks of `doctor`."""
 
 from __future__ import annotations
 

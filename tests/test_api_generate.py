@@ -1,4 +1,4 @@
-"""`generate`: what it refuses before any work, and that going on never mixes data sets."""
+"""`generate`: refusals before any work, and resuming, which never mixes data sets."""
 
 from __future__ import annotations
 
@@ -138,8 +138,8 @@ def test_the_plan_of_a_suite_names_its_entries() -> None:
         (["flat-wall", "--seeds", "1.5"], "whole number"),
         (["flat-wall", "--seeds=-1"], "whole number"),
         (["flat-wall", "--seeds", "4", "--seeds", "4"], "given twice"),
-        (["flat-wall", "--rtol", "nan"], "rtol is a fraction"),
-        (["flat-wall", "--rtol=-1"], "rtol is a fraction"),
+        (["flat-wall", "--rtol", "nan"], "rtol must be a fraction"),
+        (["flat-wall", "--rtol=-1"], "rtol must be a fraction"),
         (["flat-wall", "--rtol", "noise"], "--fidelity auto"),
         (["flat-wall", "--truth-components"], "kept apart"),
         (["flat-wall", "--set", "rig.delays.count=65536", "--set", "rig.delays.repeats=65536"], "memory"),
@@ -165,7 +165,7 @@ def test_seeds_of_a_wrong_kind(seeds: Any) -> None:
 
 
 def test_rtol_of_a_wrong_kind() -> None:
-    with pytest.raises(InputError, match="rtol is a fraction"):
+    with pytest.raises(InputError, match="rtol must be a fraction"):
         beambench.generate("flat-wall", rtol="x", plan=True)  # type: ignore[arg-type]
 
 
@@ -176,7 +176,7 @@ def test_like_takes_nothing_that_would_change_it(
     extra: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["generate", *extra, "--like", str(tmp_path / "a.zarr")]) == 2
-    assert "nothing of them can be changed" in capsys.readouterr().err
+    assert "which cannot be changed" in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------- files that a scene is made of
@@ -217,7 +217,7 @@ def test_the_files_of_a_scene_are_recorded_and_compared_first(
             "path": "target.0.shape.file", "name": "relief.npy", "bytes": grid.stat().st_size,
             "sha256": hashlib.sha256(grid.read_bytes()).hexdigest(),
         }  # fmt: skip
-        # Nothing in the store tells of a folder of this machine.
+        # The store contains no folder of this machine.
         assert (
             json.loads(open_captures(path).attributes(index)["truth_scene"])["target"][0]["shape"]["file"]
             == "relief.npy"
@@ -228,14 +228,14 @@ def test_the_files_of_a_scene_are_recorded_and_compared_first(
     here = ["--set", f"target.0.shape.file={grid}"]
     assert cli.main(["generate", "--like", str(path), *here]) == 0
     assert cli.main(["generate", "--like", str(path), *here, "--set", "rig.camera.rows=3"]) == 2
-    assert "nothing of them can be changed" in capsys.readouterr().err
+    assert "which cannot be changed" in capsys.readouterr().err
     with monkeypatch.context() as patch:
         patch.chdir(grid.parent)
         assert beambench.generate(like=path).equal
     np.save(grid, np.arange(16.0).reshape(4, 4) ** 2)
     assert cli.main(["generate", "--like", str(path), *here]) == 2
     told = capsys.readouterr().err
-    assert "not the one that the capture was made from" in told and "relief.npy" in told
+    assert "differs from the one that the capture was made from" in told and "relief.npy" in told
     with pytest.raises(InputError, match="has changed since"):
         beambench.generate(relief, overrides=SMALL, seeds=[1, 2], out=path, resume=True)
 

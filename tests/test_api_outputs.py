@@ -1,4 +1,4 @@
-"""What a verb may write over: its own earlier output, once the new one is complete, and nothing else."""
+"""A verb replaces only its own earlier output, and only when the new one is complete."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def test_scores_of_estimates(scores: Path) -> None:
 
 
 def test_estimates_of_another_program_are_scored(store: Path, tmp_path: Path) -> None:
-    """A file with the three datasets is enough; its truth is exact here, so the error is none."""
+    """A file with the three datasets is sufficient. It holds the truth, so that the error is zero."""
     from beambench.captures import open_captures
 
     truth = np.stack([capture["truth_range"].values for capture in open_captures(store)])

@@ -1,4 +1,4 @@
-"""The Bayesian bound against stacks drawn one by one: rare wrong cells, and what the posterior mean attains at a place."""
+"""The Bayesian bound against stacks drawn one by one: rare wrong cells, and the local error of the posterior mean."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Captures that were recorded, with a surveyed truth and no true scene: scored by the same code, without a bound."""
+"""Recorded captures with a surveyed truth and no true scene: scored by the same code, without a bound."""
 
 from __future__ import annotations
 

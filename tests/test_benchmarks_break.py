@@ -139,7 +139,7 @@ def test_a_real_find_replays(tmp_path: Path) -> None:
     ("change", "says"),
     [({"neighbours": ["peak"]}, "at least one neighbour"), ({"scenes": ["amcw"], "neighbours": ["amcw-phase"]}, "cannot be judged"),
      ({"budget": 0}, "out of range"), ({"scenes": ["nowhere"]}, "no such"),
-     ({"scenes": ["flat-wall", "amcw"]}, "one modality")],
+     ({"scenes": ["flat-wall", "amcw"]}, "the same modality")],
 )  # fmt: skip
 def test_bad_searches_are_refused(tmp_path: Path, change: dict[str, object], says: str) -> None:
     from beambench import break_

@@ -120,7 +120,7 @@ def test_a_grid_is_refined_at_its_edge_only() -> None:
 
 @pytest.mark.parametrize("levels", [[1.0], [1.0, 3.0, 2.0], [1.0, 1.0]])
 def test_levels_run_one_way(levels: list[float]) -> None:
-    with pytest.raises(InputError, match="run one way"):
+    with pytest.raises(InputError, match="must rise or fall throughout"):
         refine_axis(lambda points: {}, levels)
 
 
@@ -283,3 +283,33 @@ def test_a_broken_sweep_is_resumed_and_each_condition_is_swept(tmp_path: Path) -
     assert 0 < len(asked) == made < 20
     with pytest.raises(InputError, match="another suite"):
         sweep({**suite, "version": 2}, out=tmp_path / "out", resume=True)
+
+
+def test_whole_numbers_are_halved_to_whole_numbers_until_they_are_neighbours() -> None:
+    """A sweep along a count measured its levels, and ended at the first halving: 22.6 is no whole number."""
+    rng = np.random.default_rng(11)
+    asked: list[float] = []
+
+    def evaluate(points: Sequence[Point]) -> dict[Point, list[Trial]]:
+        asked.extend(level for (level,) in points)
+        return trials_at(lambda level: 0.9 if level < 21.5 else 0.0, rng)(points)
+
+    found = refine_axis(evaluate, [64.0, 8.0], resolution=1e-6, budget=40, whole=True)
+    assert all(level == int(level) for level in asked) and len(asked) == len(set(asked))
+    for edge in found.edges:
+        assert {edge.start, edge.end} == {21.0, 22.0}
+    grid = refine_grid(
+        lambda points: {p: [trials_at(lambda level: 0.9 if level < 2.5 else 0.0, rng)([(p[0],)])[p[0],][0]] for p in points},
+        [1.0, 4.0], [1.0, 2.0], depth=3, whole=(True, True),
+    )  # fmt: skip
+    assert {x for x, _ in grid.trials} <= {1.0, 2.0, 3.0, 4.0} and {y for _, y in grid.trials} == {1.0, 2.0}
+    assert sum((b - a) * (d - c) for a, b, c, d in grid.cells) == pytest.approx(3.0)
+
+
+def test_which_paths_take_whole_numbers() -> None:
+    from beambench.benchmarks.suites.stress import takes_whole_numbers
+    from beambench.scenes.load import load_scene
+
+    scene = load_scene("flat-wall")
+    assert takes_whole_numbers(scene, "rig.delays.count") and takes_whole_numbers(scene, "rig.pulses_per_slice")
+    assert not takes_whole_numbers(scene, "rig.detector.read_noise_e") and not takes_whole_numbers(scene, "photons")

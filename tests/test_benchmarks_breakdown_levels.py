@@ -1,4 +1,4 @@
-"""Breakdown levels of a run's fixed levels, scene by scene."""
+"""Breakdown levels from the fixed levels of a run, per scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated calibration: records of the true waveforms, and the declared rig that is made from them."""
+"""The simulated calibration: records of the true waveforms, and the declared rig that follows from them."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_only_pulse_and_gates_change_and_equal_seeds_agree() -> None:
 
 
 def test_the_true_waveform_is_recorded_not_the_declared_one() -> None:
-    # A wrong pulse is declared; whoever calibrates finds the true one.
+    # A wrong pulse is declared; a calibration recovers the true one.
     scene = load_scene("flat-wall", {"declared": {"laser.pulse.fwhm_s": 3e-9}})
     wrong = declared_rig(scene)
     found = json.loads(calibrated_rig(scene, json.dumps(wrong), calibration(1e6)))
@@ -160,7 +160,7 @@ def test_each_scene_and_seed_has_its_own_calibration_and_levels_share_it() -> No
         by_draw.setdefault(text, set()).add((name, seed))
     assert len(found) == 12
     assert sorted(by_draw.values(), key=str) == [{("again", 1)}, {("again", 2)}, {("flat-wall", 1)}, {("flat-wall", 2)}]
-    # By name, not by order: asked for the other way round, all are the same. The suite's seed draws them anew.
+    # Keyed by name, not by order: in reverse order all are the same. Another seed of the suite changes them.
     again, other = Calibrations(calibration(1e5, seed=0)), Calibrations(calibration(1e5, seed=1))
     assert {(c.scene_name, c.seed, c.level): drawn(c, again) for c in reversed(cells)} == found
     assert drawn(cells[0], other) != drawn(cells[0], again)

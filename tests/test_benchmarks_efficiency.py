@@ -1,4 +1,4 @@
-"""Estimators against the exact bound in regular cells, and maximum likelihood against Ziv-Zakai where there are none.
+"""Estimators against the exact bound in regular cells, and maximum likelihood against the Ziv-Zakai bound in irregular ones.
 
 The tables are printed by `python -m beambench.benchmarks.checks.efficiency` and `.rectangular`; here are parts of them.
 """
@@ -113,7 +113,9 @@ def test_rectangular_pulses_are_within_a_tenth_of_ziv_zakai(photons: float, step
     assert row["mean_over"] == pytest.approx(1.0, abs=0.10)
     assert row["coverage"] > 0.999
     assert 0.95 <= row["z_rms"] <= 1.06
-    if step > 1.0:  # the pulse is shorter than the step: some delays tell nothing, and any of them is a maximum
+    if (
+        step > 1.0
+    ):  # the pulse is shorter than the step: at some delays there is no information, and any of them is a maximum
         assert row["pulse_over_step"] < 1.0 and row["crb_over"] == math.inf
         assert row["grid_over"] > 1.1
 

@@ -1,4 +1,4 @@
-"""The measurement of the ladder: its family of scenes, its errors, its rules, and the tables it writes."""
+"""The measurement of fidelity: its family of scenes, its errors, its rules, and its tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Front, dominated or undecided: planted points get the verdict that is true of them, and seldom a wrong one."""
+"""Front, dominated or undecided: synthetic points get their true verdict, and rarely a wrong one."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def test_exact_points_are_the_pareto_front() -> None:
 
 
 def test_what_intervals_cannot_tell_stays_undecided() -> None:
-    # b is faster than c beyond doubt, and seems more accurate; c is no member of the front before that is certain.
+    # b is certainly faster than c, and seems more accurate; until that is certain, c is not on the front.
     cost, low, high = [1.0, 2.0, 3.0], [0.9, 1.8, 2.7], [1.1, 2.2, 3.3]
     assert front(cost, low, high, [9, 4, 5], [8, 3, 3.9], [10, 5, 6]) == ["front", "front", "undecided"]
     assert front(cost, low, high, [9, 4, 7], [8, 3, 6], [10, 5, 8]) == ["front", "front", "dominated"]
-    # Certainly less accurate, perhaps as fast: b may be dominated by a, and a by nobody.
+    # b is certainly less accurate and perhaps as fast: a may dominate b, and nothing dominates a.
     assert front([1, 1.1], [0.8, 0.9], [1.2, 1.3], [1, 5], [0.9, 4], [1.1, 6]) == ["front", "undecided"]
 
 

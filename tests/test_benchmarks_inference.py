@@ -1,4 +1,4 @@
-"""Statistics over scenes on thousands of synthetic benchmarks whose truth is known; and what may not win a ranking."""
+"""Statistics over scenes on thousands of synthetic benchmarks with known truth; and estimators that must not win a ranking."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def _table(hard_sigma: float) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("hard_sigma", [0.05, 0.2, 0.5])
 def test_refusing_hard_elements_wins_no_ranking(hard_sigma: float) -> None:
-    # The prior's error is 2 m/√12 = .58 m: hard elements are those that still tell something.
+    # The prior's error is 2 m/√12 = .58 m: hard elements still hold some information.
     comparison = compare_estimators(score_matrix(_table(hard_sigma), **GROUP))
     order = [row.name for row in comparison.ranked]
     assert order[0] == "honest"
@@ -279,7 +279,7 @@ def test_two_tables_are_compared_over_scenes(tmp_path: Path, capsys: pytest.Capt
     shown = capsys.readouterr().out
     assert "error B/A over scenes" in shown and f"{honest['error_ratio']:.3f} [{honest['error_lo']:.3f}" in shown
     assert "Times are not compared" not in shown
-    # Times of two kinds of machine would tell of the machines: they are left out, and that is said.
+    # Times of two kinds of machine would compare the machines: they are left out, with a message.
     for name, device in (("a", "cpu"), ("b", "cuda")):
         record = {"machine": {"device_class": device, "processor": "same", "threads_per_estimator": 1}}
         (tmp_path / name / "run.json").write_text(json.dumps(record))

@@ -1,4 +1,4 @@
-"""Labels that name a file hold its absolute path, wherever the estimator runs; one that is missing is refused at once."""
+"""Labels with a file hold its absolute path, wherever the estimator runs; a missing file is refused at once."""
 
 from __future__ import annotations
 

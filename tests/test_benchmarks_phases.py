@@ -1,4 +1,4 @@
-"""The suite of coarse delays: what it measures must not hang on where the echoes happen to lie between two delays."""
+"""The suite of coarse delays: its results must not depend on the places of the echoes between two delays."""
 
 from __future__ import annotations
 

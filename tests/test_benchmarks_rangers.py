@@ -54,7 +54,7 @@ def test_bounds_against_a_numerical_likelihood() -> None:
     rng = np.random.default_rng(4)
     trials, bins = 20_000, rate.size
     chance = -np.expm1(-rate)
-    dead = pile_up.dead_bins(50e-9, 1e-10, bins)
+    dead = min(500, bins)  # 50 ns of 100 ps, not asked of the code under test
     share = (rate - rate.min()) / (rate - rate.min()).sum()
     gradient = np.stack([np.gradient(share), share, np.ones(bins)])  # any three directions serve
     score = np.zeros((3, trials))
@@ -70,7 +70,7 @@ def test_bounds_against_a_numerical_likelihood() -> None:
     d = np.sqrt(np.diag(exact))
     # Second moments of 20,000 draws: 1 % each.
     np.testing.assert_allclose(drawn / np.outer(d, d), exact / np.outer(d, d), atol=0.045)
-    assert np.isfinite(bound.sigma).all() and bound.kind == "exact"
+    assert np.isfinite(bound.sigma).all() and bound.kind == "quasi"  # 50 ps of jitter per pulse
 
 
 def test_an_amcw_bound_is_phase_noise_in_the_shot_limit() -> None:

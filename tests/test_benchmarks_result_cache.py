@@ -1,4 +1,4 @@
-"""Kept answers: taken up again only for the same capture, estimator, parameters, source and machine; never a failure."""
+"""Cached results: reused only for the same capture, estimator, parameters, source and machine; never for a failure."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_everything_that_an_answer_depends_on_is_in_its_name(tmp_path: Path, mon
         patch.setattr(result_cache, "versions", lambda: {"numpy": "another"})
         keys.add(ResultCache(tmp_path).key(job, peak))
     assert len(keys) == 7 and "" not in keys
-    # A calibrated rig that equals the matched one is the same input, whatever the condition is called.
+    # A calibrated rig that equals the matched one is the same input under either name of the condition.
     assert ResultCache(tmp_path).key(_job(tmp_path / "d", condition="calibrated"), peak) in keys
 
 

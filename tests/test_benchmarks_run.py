@@ -1,4 +1,4 @@
-"""A whole small run: generate, store, estimate, score, write; equal seeds give equal bytes; failures do not stop it."""
+"""A complete small run: generate, store, estimate, score, write; equal seeds give equal bytes; failures do not stop it."""
 
 from __future__ import annotations
 

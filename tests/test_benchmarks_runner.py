@@ -1,4 +1,4 @@
-"""The runner: whatever an estimator does in its child stays there, becomes a status, and the run goes on."""
+"""The runner: every failure of an estimator stays in its child process and becomes a status, and the run continues."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from beambench.benchmarks.runner.protocol import (
 from beambench.benchmarks.runner.session import Job, Outcome, run_jobs
 from beambench.benchmarks.suites.spec import Limits
 from beambench.captures.layouts import stage_of
+from beambench.scenes.errors import InputError
 
 ROWS, COLS, SLICES = 6, 5, 8
 
@@ -75,6 +76,22 @@ def hog_in_grandchild(capture):
 @planted
 def raises(capture):
     raise RuntimeError("planted: no light\\nsecond line")
+
+@planted
+def full_disk(capture):
+    import errno
+    raise OSError(errno.ENOSPC, "No space left on device", "/tmp/x")
+
+@planted
+def broken_cache(capture):
+    import numba.core.caching as caching
+    place = compile("def load(): raise EOFError('Ran out of input')", caching.__file__, "exec")
+    names = {}
+    exec(place, names)
+    try:
+        names["load"]()
+    except EOFError as error:
+        raise RuntimeError("no kernel") from error
 
 @planted
 def quits(capture):
@@ -228,6 +245,29 @@ def test_each_misdeed_is_a_status(plugins: Path, tmp_path: Path, name: str, stat
     for outcome in run(f"x-{name}", tmp_path, count=2 if name in ("segfault", "raises", "floods") else 1):
         assert outcome.status.startswith(status)
         assert not outcome.arrays
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("x-full-disk", "No space left"), ("x-broken-cache", "cache of compiled kernels")]
+)
+def test_a_failure_of_the_machine_ends_the_run_and_is_no_status(
+    plugins: Path, tmp_path: Path, name: str, told: str
+) -> None:
+    """It was "error: …" before, which counts as 100 % failed pixels of the estimator."""
+    outcomes: list[Outcome] = []
+    with pytest.raises(InputError, match=told) as caught:
+        run_jobs(name, spool(tmp_path), LIMITS, tmp_path / "scratch", outcomes.append)
+    assert not outcomes
+    assert "not the estimator" in caught.value.what and name in str(caught.value.where)
+
+
+def test_a_spool_that_cannot_be_read_is_a_failure_of_the_machine(plugins: Path, tmp_path: Path) -> None:
+    jobs = spool(tmp_path)
+    (jobs[1].folder / "counts.npy").unlink()
+    outcomes: list[Outcome] = []
+    with pytest.raises(InputError, match="cannot be read"):
+        run_jobs("x-fine", jobs, LIMITS, tmp_path / "scratch", outcomes.append)
+    assert [outcome.status for outcome in outcomes] == ["ok"]
 
 
 def test_a_hang_is_killed_with_its_group_and_the_rest_goes_on(plugins: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Exponents from planted costs, and of estimators that run; propagation through chains against simulation."""
+"""Exponents of synthetic costs and of real estimators; propagation through chains against simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores against numbers worked out by hand, and the properties that a table of scores must have."""
+"""Scores against numbers computed by hand, and the properties of a table of scores."""
 
 from __future__ import annotations
 
@@ -261,7 +261,7 @@ def test_the_limit_of_failure_follows_the_bound_within_the_echo_only() -> None:
     # σ_R as range is 1 m: X = .5 m, and nothing beyond 1 m is an answer about this echo.
     bound = Bound(np.array([0.01, 0.1, 0.15, 0.2, 3.0, np.inf, np.nan]), "bayes", 1.0, 20.0)
     np.testing.assert_allclose(failure_limit(bound.sigma, bound), [0.5, 0.5, 0.75, 1.0, 1.0, 1.0, 0.5])
-    # A suite that asks for more accuracy than the bound allows still gets five bounds.
+    # With a `failure_at` below the bound the limit is still five bounds.
     np.testing.assert_allclose(failure_limit(bound.sigma, bound, 0.02)[:3], [0.05, 0.5, 0.75])
     np.testing.assert_allclose(failure_limit(bound.sigma, bound, 2.0), [2.0, 2.0, 2.0, 2.0, 4.0, 4.0, 2.0])
 
@@ -269,7 +269,7 @@ def test_the_limit_of_failure_follows_the_bound_within_the_echo_only() -> None:
 @pytest.mark.parametrize("window", [6.0, 20.0])
 @pytest.mark.parametrize("kind", ["exact", "bayes"])
 def test_an_estimator_that_guesses_fails_at_half_of_all_elements_or_more(window: float, kind: str) -> None:
-    # Whatever a bound says in the dark: as large as the window, or held at the prior's error.
+    # Bounds without light: as large as the window, or limited to the prior's error.
     shape = (64, 64)
     rng = np.random.default_rng(3)
     sigma = np.full(shape, 50.0 if kind == "exact" else window / math.sqrt(12.0))

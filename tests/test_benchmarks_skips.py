@@ -1,4 +1,4 @@
-"""Skips: an estimator of another modality, one without its package, one that gave up. Each has its reason; none wins."""
+"""Skips: an estimator of another modality, one without its package, one over its limits. Each has a reason; none wins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Intervals and verdicts on figures hold as often as they say, on thousands of made-up captures whose truth is known."""
+"""Intervals and verdicts hold as often as stated, on thousands of synthetic captures with known truth."""
 
 from __future__ import annotations
 

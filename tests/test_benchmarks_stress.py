@@ -1,4 +1,4 @@
-"""Stress axes: what a level changes in a scene, neutral levels, units, and messages about bad ones."""
+"""Stress axes: the changes of a scene at a level, neutral levels, units, and messages about invalid axes."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def test_overrides_of_a_suite_reach_its_variants_and_its_written_out_scenes() ->
         ({"flat-wall": {"scene": "flat-wall"}}, ["flat-wall"], "flat-wall -> flat-wall"),
         ({"a": WALL}, [{"scene": "flat-wall", "with": ["a"]}], "without a scene"),
         ({"a": DIM}, [{"scene": "flat-wall", "with": ["b"]}], "allowed: a"),
-        ({"a": DIM}, ["a"], "A variant without a scene stands"),
+        ({"a": DIM}, ["a"], "A variant without a scene is used as a scene"),
         ({"a": {"scen": "flat-wall"}}, ["flat-wall"], "variants.a.scen"),
         ({"a": 3}, ["flat-wall"], "variants.a"),
         ([WALL], ["flat-wall"], "variants"),

@@ -1,4 +1,4 @@
-"""Bounds of rangers in turbid water: light that the water scatters back adds its noise, by a likelihood of its own."""
+"""Bounds of rangers in turbid water, where backscattered light adds noise, against an independent likelihood."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Written captures against expectations that are derived here by other formulas."""
+"""Written captures against expectations that are derived here from other formulas."""
 
 from __future__ import annotations
 

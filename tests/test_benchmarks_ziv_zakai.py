@@ -179,7 +179,7 @@ def _exact_tables(noise: NoiseModel) -> tuple[NoiseModel, np.ndarray, np.ndarray
     """ln P(DN; μ) of a detector over ln μ, and its derivative by ln μ."""
     log_mu = np.linspace(math.log(0.3), math.log(120.0), 500)
     codes = np.arange(0, 231 if noise is BARE else 320)
-    # Codes that never come have −inf by transform: their slope is not asked for.
+    # Codes of probability zero have −inf after the transform: their slope is not needed.
     logs = np.maximum(log_pmf(noise, codes[:, None], np.exp(log_mu)[None, :]).T, -200.0)
     return noise, log_mu, np.gradient(logs, log_mu, axis=0), codes.size
 
@@ -300,7 +300,7 @@ def test_without_any_background_weak_echoes_are_irregular_and_bright_ones_not() 
 
 
 def test_a_rectangular_response_is_bounded_too() -> None:
-    # Pulse 1, gate 3: a trapezoid with a flat top on which no single slice tells the delay.
+    # Pulse 1, gate 3: a trapezoid with a flat top, on which a single slice holds no information about the delay.
     delay = np.arange(0.0, 12.01, 1.5)
     theta = np.linspace(1.0, 13.0, 301)
     u = theta[:, None] - delay

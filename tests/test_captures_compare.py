@@ -1,4 +1,4 @@
-"""Comparison counts differing bits; provenance tells what made a capture and nothing about who."""
+"""Comparisons count differing bits; provenance describes how a capture was made, but not by whom."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_provenance_is_json_repeatable_and_anonymous() -> None:
     assert {"beambench", "python", "packages", "platform", "cpu"} <= set(first)
     assert first["packages"]["numpy"] == np.__version__
     assert cpu()["model"]
-    words = set(re.findall(r"[\w.-]+", text))  # a host called "vm" is part of "llvmlite" without being told
+    words = set(re.findall(r"[\w.-]+", text))  # whole words only: a host named "vm" is part of the word "llvmlite"
     assert platform.node() not in words and str(Path.home()) + "/" not in text
     if len(getpass.getuser()) > 4:
         assert getpass.getuser() not in text

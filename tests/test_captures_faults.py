@@ -1,4 +1,4 @@
-"""Whatever breaks a store is told: flipped bits, lost files, full disks, refused folders, killed writers."""
+"""Every damage of a store is reported: flipped bits, lost files, full disks, refused folders, killed writers."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_a_damaged_file_is_named(store: Path, name: str, how: str) -> None:
 
 def test_a_swapped_chunk_with_a_sound_checksum_is_detected(store: Path) -> None:
     first, second = store / "truth_range" / "c.0.0.0", store / "truth_range" / "c.1.0.0"
-    assert first.stat().st_size == second.stat().st_size  # so that only its mark tells
+    assert first.stat().st_size == second.stat().st_size  # so that only its checksum shows it
     first.write_bytes(second.read_bytes())
     open_captures(store)
     assert detected_by_verify(store) and detected_on_reading(store)

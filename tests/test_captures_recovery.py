@@ -1,4 +1,4 @@
-"""A repair drops what is damaged, never what could not be read, and keeps what it drops."""
+"""A repair removes damaged captures, never unreadable ones, and keeps the removed files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contract of captures: what is built passes, and what breaks the contract is refused by name."""
+"""The layout of captures: built captures are valid, and breaches are refused with the name of the variable."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def test_bad_data_are_refused_by_name(change, message) -> None:  # type: ignore[
     [
         ({"delay": [1e-9, np.nan]}, "delay must be finite"),
         ({"gate": [0, 2]}, "gate that the rig does not have"),
-        ({"gate": [-1, 0]}, "gate is negative"),
-        ({"pulses": -3}, "pulses is negative"),
+        ({"gate": [-1, 0]}, "gate must not be negative"),
+        ({"pulses": -3}, "pulses must not be negative"),
         ({"laser_on": [1, 0]}, "laser_on has a dtype"),
         ({"delay": None}, "needs delay"),
     ],
@@ -147,7 +147,7 @@ def test_other_schema_versions_are_refused(version: object) -> None:
 def test_validate_names_dims_dtype_units_and_role() -> None:
     good = example_capture("gated")
     for change, message in [
-        (good.transpose("row", "slice", "col", ...), "counts has the wrong dims"),
+        (good.transpose("row", "slice", "col", ...), "counts has the wrong dimensions"),
         (good.assign(truth_range=good["truth_range"].astype("int32")), "truth_range has the wrong dtype"),
         (good.reset_coords("delay"), "delay must be a coordinate"),
         (good.drop_vars("truth_first"), "lacks truth_first"),

@@ -1,4 +1,4 @@
-"""The store gives back the same bits, and refuses to write over or half-write anything."""
+"""The store returns the same bits, and never overwrites a store or leaves an incomplete one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`beambench run` as a user types it, on a suite that takes a second."""
+"""`beambench run` from the command line, on a suite that takes a second."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_an_existing_folder_is_kept(suite: Path, folder: Path, capsys: pytest.Ca
 
 
 def test_a_function_gives_the_same_accuracy(suite: Path, folder: Path, tmp_path: Path) -> None:
-    """Config and Python: the accuracy table is the same bytes. Also: no report where none is wanted."""
+    """Config and Python: the accuracy table is the same bytes. Also, `--no-report` writes no report."""
     result = beambench.run(suite, overrides={"rig.detector.read_noise_e": 3}, out=tmp_path / "again", report=False)
     assert result.report is None and not (tmp_path / "again" / "report.html").exists()
     assert (tmp_path / "again" / "accuracy.csv").read_bytes() == (folder / "accuracy.csv").read_bytes()

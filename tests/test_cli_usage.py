@@ -1,4 +1,4 @@
-"""The command line as a user types it."""
+"""The command line: help, messages, exit codes and completion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMMANDS = (
     "run", "scenes list", "scenes show", "scenes preview", "generate", "data status", "data verify", "data repair", "data finalize",
     "estimate",
     "score", "estimators list", "estimators check", "estimators new", "report", "compare", "doctor",
-    "export", "sweep", "break", "fidelity", "reproduce",
+    "export", "bound", "sweep", "break", "fidelity", "reproduce",
 )  # fmt: skip
 
 

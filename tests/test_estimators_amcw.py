@@ -18,7 +18,7 @@ from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
 NAMES = [name for name in list_estimators() if name.startswith("amcw")]
-#: The same light as three frequencies of 5 µs, spread over six whose phases tell 100 cycles apart.
+#: The same light as three frequencies of 5 µs, spread over six whose phases distinguish 100 cycles.
 JOINT = {
     "rig.modulation.frequencies_hz": [1.2e7, 4.4e7, 6.4e7, 1.5e8, 1.66e8, 2e8],
     "rig.modulation.integration_s": 2.5e-6,

@@ -118,7 +118,7 @@ def test_two_returns_are_counted_and_told_apart() -> None:
             # At 3 σ_R and 5,000 photoelectrons both are seen in every pixel (2·ln L₂/L₁ of some 400).
             assert valid.mean() > 0.999
             assert abs(np.sqrt(np.mean(z**2)) - 1) < 0.06
-    # One echo only: a second one is claimed in a few of a thousand pixels at most, whatever the light.
+    # One echo only: a second one is reported in a few of a thousand pixels at most, at any light level.
     for signal_e, background in ((300.0, 0.5), (1e4, 5.0), (1e5, 0.1)):
         _rig, _tau, capture = _cell(signal_e, background, gain=4.0 if signal_e < 5e4 else 1.0)
         first = run_estimator("poisson-ml-two-returns[pick=first]", capture)["range"].values

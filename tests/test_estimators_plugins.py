@@ -1,4 +1,4 @@
-"""Third-party estimators: a package that pip installs, held to the laws and run; and packages that misbehave."""
+"""Third-party estimators: a package installed with pip is checked against the laws and run; and faulty packages."""
 
 from __future__ import annotations
 

@@ -177,7 +177,7 @@ def test_a_clip_alone_is_no_echo(response: str) -> None:
             stack = stack.copy()
             stack[slices] = 4095
             assert valid(stack) == 0.0, (name, slices)
-    # Beside an echo that the others tell, it changes nothing.
+    # Where other samples determine the echo, it changes nothing.
     stray = counts.copy()
     stray[5] = 4095
     assert valid(stray) > 0.99

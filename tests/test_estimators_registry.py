@@ -153,7 +153,7 @@ def test_an_estimator_may_need_a_kind_of_rig() -> None:
         "picky", stage_of("gated"), "a test", picky, needs=(("kind", "gated"), ("detector.readout.kind", "counting"))
     )
     assert found.unfit(_capture()) == "reads rigs whose detector.readout.kind is counting, not None"
-    # Told by the declared rig alone, not by the counts; a rig that is no JSON is none that it reads.
+    # Decided by the declared rig alone, not by the counts; a rig that is not JSON cannot be read.
     for rig in ("{}", "no JSON", ""):
         assert found.unfit(_capture().assign_attrs(rig=rig))
     with pytest.raises(InputError, match="counting, not None"):

@@ -57,7 +57,7 @@ def test_gaussian_response_has_the_closed_forms_moments() -> None:
     declared = rig.declared(2, 2)
     found = correlate_samples(declared["pulse"], declared["gates"][0])
     # Straight lines between samples of step σ/40 widen each variance by (σ/40)²/6: 1e-4.
-    assert found.variance_s2 == pytest.approx(rig.sigma_s**2 * (1 + 1 / 9600), rel=1e-6)
+    assert found.variance_s2 == pytest.approx(rig.sigma_s**2 * (1 + 1 / 9600), rel=1e-6, abs=0.0)
     assert found.centroid_s == pytest.approx(rig.centre_s, rel=1e-9)
     assert found.peak_s == pytest.approx(rig.centre_s, abs=rig.part_s / 40)
     u = rig.centre_s + np.linspace(-4, 4, 99) * rig.sigma_s

@@ -1,4 +1,4 @@
-"""The declared rig is read in one place: what it lacks and what cannot be used is refused by path and value."""
+"""The reader of the declared rig refuses missing and invalid values, with path and value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stated errors that are not plain propagation: vertices through the brightest slice, and the learned estimator's limits."""
+"""Stated errors beyond plain propagation: vertices through the brightest slice, and the limits of `learned`."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_vertex_states_its_error_to_a_tenth(case: str, label: str) -> None:
 
 def test_the_bias_of_a_parabola_between_samples_is_in_its_sigma() -> None:
     # Without noise to speak of the vertex of three samples errs by a fixed curve over the step. Its mean square over the
-    # places near one is what sigma must be, so that a wall at one place in the step is not told wrongly either.
+    # places near one is what sigma must be, so that sigma is also correct for a wall at one place in the step.
     rig = GaussianRig(offset_dn=100.0, gain_dn_per_e=2.0, step_s=1e-9, slices=40)
     tau = rig.delay_s[20] + rig.centre_s + np.linspace(-0.5, 0.5, SHAPE[0] * SHAPE[1]).reshape(SHAPE) * 1e-9
     counts = np.rint(100 + 2 * 2e4 * rig.response(tau[None] - rig.delay_s[:, None, None])).astype(np.uint16)

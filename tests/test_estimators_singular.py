@@ -61,6 +61,7 @@ def _stacks() -> dict[str, np.ndarray]:
     one("an infinite slice", np.inf, 31, single)
     one("a slice at minus infinity", -np.inf, 31, single)
     one("a NaN in every pixel", np.nan, (np.arange(SHAPE[1]) * 5, slice(None), np.arange(SHAPE[1])), single)
+    one("a pixel of NaN", np.nan, (slice(None), 1, 4), single)
     made["far below the offset"] = np.full_like(single, -1e6)
     made["largest float"] = np.full_like(single, TOP)
     made["smallest float"] = np.full_like(single, np.finfo(np.float32).tiny)
@@ -94,6 +95,8 @@ def test_singular_stacks(name: str) -> None:
             assert not valid.any(), kind
         elif kind == "no count in one pixel":
             assert not valid[2, 5] and valid.any(), kind
+        elif kind == "a pixel of NaN":
+            assert not valid[1, 4] and valid.any(), kind
         elif kind in LOST and name not in LEAVES_OUT:
             assert not valid.any(), kind  # a sample is clipped, or no number
 
@@ -198,5 +201,5 @@ def test_grazing_walls_of_equation_4_are_generated_and_read(angle_deg: float) ->
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GenerationWarning)
         capture = hide_truth(generate(scene, seed=1))
-    for name in ("chua-2016", "chua-2017", "chua-2017-orthogonal", "weighted-average", "poisson-ml"):
+    for name in ("radiometric-average", "chua-2017", "chua-2017-orthogonal", "weighted-average", "poisson-ml"):
         _checked(name, capture)

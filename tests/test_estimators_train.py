@@ -1,4 +1,4 @@
-"""`beambench estimators train`: weights from a data set on disk, the same bytes each time, used as a parameter."""
+"""`beambench estimators train`: weights from a data set on disk, with equal bytes each time, used as a parameter."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_the_command(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     arguments = ["estimators", "train", "--data", str(data), "--out", str(out), "--units", "8"]
     assert cli.main(arguments) == 0
     assert "captures" in capsys.readouterr().out and out.is_file()
-    assert cli.main(arguments) == 2  # never over what is there
+    assert cli.main(arguments) == 2  # never over an existing file
     assert cli.main([*arguments, "--overwrite", "--seed", "2"]) == 0
 
 

@@ -1,4 +1,4 @@
-"""Waveform estimators: bounds met, quantisation of the counter, walk, pile-up undone, and the laws."""
+"""Waveform estimators: attained bounds, quantisation of the counter, walk error, corrected pile-up, and the laws."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def errors(label: str, capture: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.
 
 def test_the_registry_holds_them() -> None:
     assert set(NAMES) == {f"waveform-{n}" for n in (
-        "average", "coates", "constant-fraction", "counter", "gaussian", "leading-edge", "matched", "ml")}  # fmt: skip
+        "average", "coates", "constant-fraction", "counter", "first-return", "gaussian", "leading-edge", "matched", "ml",
+        "several-returns")}  # fmt: skip
     for name in NAMES:
         found = get_estimator(name)
         assert found.modality == "waveform" and found.function.__doc__ and len(found.cites) > 10

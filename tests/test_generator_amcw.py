@@ -1,4 +1,4 @@
-"""Generated AMCW samples against the closed form, their noise, ambiguity, determinism, and rigs refused."""
+"""Generated AMCW samples against the closed form, their noise, ambiguity and determinism, and refused rigs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A beam turned about both axes points one way, whoever asks: camera, footprint, backscatter, path tracer."""
+"""A beam turned about both axes has one direction in all models: camera, footprint, backscatter, path tracer."""
 
 from __future__ import annotations
 

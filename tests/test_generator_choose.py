@@ -1,4 +1,4 @@
-"""The choice between rungs: what it predicts against what comes out, and what it records."""
+"""The choice between rungs: predicted against measured errors, and the record of the choice."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_auto_records_its_choice() -> None:
     effects = {e["name"]: e for e in told["effects"]}
     assert effects["interreflection"]["modelled"] and effects["interreflection"]["predicted_relative_size"] > 0.05
     assert told["chosen"]["predicted_error"]["full"] < 0.05
-    # the choice costs its pilot only: what follows is what asking for the rung gives
+    # the choice only adds its pilot: the capture equals that of the explicit rung
     same = generate(scene, seed=2, fidelity="full", rtol=0.05)
     assert np.array_equal(same["counts"].values, capture["counts"].values)
 

@@ -289,7 +289,7 @@ def _plate(border_px: float) -> Scene:
 
 @pytest.mark.parametrize("border_px", [0.1, 0.25, 0.4])
 def test_edges_in_border_pixels_are_seen(border_px: float) -> None:
-    """The plate fills ½ + x of each border pixel, and every centre ray hits it: only a ring of rays outside tells.
+    """The plate fills ½ + x of each border pixel, and every centre ray hits it: only a ring of rays outside shows it.
 
     Border pixels hold a third of the light: one ray each errs by up to 20 %. A factor 1.5 on rtol as above.
     """

@@ -1,4 +1,4 @@
-"""Predicted sizes of effects in water against what rungs with and without them give, on drawn scenes."""
+"""Predicted sizes of effects in water against rungs with and without them, on random scenes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_delay_of_scattered_light(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_halo_from_outside_the_view(
     medium: str, far: bool, field: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A narrow view of a wall in a wide beam: the image widened until it holds the beam tells what was missing."""
+    """A narrow view of a wall in a wide beam: an image widened until it contains the beam shows the missing part."""
     wide = draw_scene(5, 2, medium, "flat", far, tmp_path)
     focal = wide.rig.camera.focal_length_m * 0.3 / field  # type: ignore[union-attr]
     scene = load_scene(wide, {"rig.camera.focal_length_m": focal})

@@ -1,4 +1,4 @@
-"""Times far outside the table of R, or that are none, show nothing: they never become an index."""
+"""Times far outside the table of R, or NaN, give zero: they never become an index."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predicted change of the direct light by a finite lens and lamp against what the full rung traces, and the choice by it."""
+"""Predicted change of the direct light by a finite lens and lamp against the full rung, and the choice that follows."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_points_change_nothing_and_the_catalogue_says_so() -> None:
 
 def test_the_choice_goes_by_the_defocus() -> None:
     """In air, side by side: blur is all that one bounce leaves out. Strong defocus at 1 % takes the full rung; a focus near the
-    walls, or a limit above the blur, does not; the error of the full rung is then what was asked for."""
+    walls, or a limit above the blur, does not; the error of the full rung is then below the requested one."""
     strong, slight = scene_of(1.8), scene_of(4.0, **{"rig.camera.f_number": 16.0})
     assert choose(strong, 0.01, 1, 1).rung == "full"
     assert choose(strong, 0.5, 1, 1).rung == "direct"

@@ -1,4 +1,4 @@
-"""The full rung against quadratures that share none of its code, and its promises: nesting, error, equal bits."""
+"""The full rung against quadratures that share none of its code; nesting, stated error, and equal bits."""
 
 from __future__ import annotations
 

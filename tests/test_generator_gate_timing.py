@@ -1,4 +1,4 @@
-"""Times that each pixel, shot and slice has of its own: the gate's map over the image, jitter, long records, steep edges."""
+"""Timing per pixel, shot and slice: the map of gate delays, jitter, long records, steep edges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mitsuba's first hits against trimesh's own ray engine, on scanned and shipped surfaces."""
+"""Mitsuba's first hits against trimesh's own ray engine, on scanned and built-in surfaces."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ GOOD: dict[str, Any] = {"seed": 1, "capture_key": 1, "fidelity": "direct", "rtol
     ("scene", "changes", "what", "where"),
     [
         ("flat-wall", {"fidelity": "best"}, "no such rung", "--fidelity"),
-        ("flat-wall", {"rtol": "noise"}, "for fidelity", "--rtol"),
+        ("flat-wall", {"rtol": "noise"}, "needs the fidelity", "--rtol"),
         ("flat-wall", {"rtol": True}, "fraction", "--rtol"),
         ("flat-wall", {"rtol": 0.6}, "fraction", "--rtol"),
         ("flat-wall", {"rtol": float("nan")}, "fraction", "--rtol"),
@@ -87,7 +87,7 @@ def test_a_request_is_checked_without_light_transport(project: Path) -> None:
 
 @pytest.mark.parametrize("name", ["photodetector-5m", "amcw"])
 def test_a_chosen_rung_repeats_from_the_record(name: str) -> None:
-    """The record of a capture holds what was asked for, so that its repetition chooses again and is equal in all."""
+    """The record of a capture holds the requested fidelity, so that its repetition chooses again and is equal."""
     scene = load_scene(name, {"medium.scattering_per_m": 0.0})
     first = generate(scene, seed=3, fidelity="auto", rtol=0.1)
     kept = json.loads(first.attrs["provenance"])["arguments"]

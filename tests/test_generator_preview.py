@@ -1,4 +1,4 @@
-"""The second renderer: it judges depth and visibility in air, and draws previews in the colours of their spectra."""
+"""The second renderer: a reference for depth and visibility in air, and previews in the colours of their spectra."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_nothing_ahead_gives_an_empty_view() -> None:
 def test_the_laser_has_its_colour() -> None:
     green, red, blue = (colorimetry.linear_srgb_of_line(nm * 1e-9) for nm in (532, 640, 450))
     assert np.argmax(green) == 1 and np.argmax(red) == 0 and np.argmax(blue) == 2
-    # Y of sRGB by its own primaries (IEC 61966-2-1) is the 1 that was asked for, in gamut or not.
+    # Y of sRGB by its own primaries (IEC 61966-2-1) is the requested 1, inside and outside the gamut.
     for part in (green, red, blue):
         assert part @ [0.2126, 0.7152, 0.0722] == pytest.approx(1.0, abs=2e-3)
     wave, power = colorimetry.illuminant_spectrum("D65")

@@ -1,4 +1,4 @@
-"""Random valid scenes give sound light: no NaN, no infinity, nothing negative; equal bits for equal seeds."""
+"""Random valid scenes give valid light: no NaN, no infinity, no negative value; equal bits for equal seeds."""
 
 from __future__ import annotations
 

@@ -103,8 +103,8 @@ def test_single_backscatter_is_the_exponential_integral() -> None:
     )  # fmt: skip
     near, k = 0.025, 2 * 0.4
     exact = per_joule(scene, waveform_ranger(scene)) * (expn(2, k * near) / near - expn(2, k * 4.0) / 4.0)
-    # The wall is flat and the cone 1 mrad: r differs by 1e-6; the lattice holds the cone's solid angle to 1e-3.
-    np.testing.assert_allclose(ramp.amplitude.sum(axis=1), exact, rtol=2e-3)
+    # The wall is flat and the cone 1 mrad: r differs by 1e-6. The rays' lattice alone holds the beam's light to 2e-3 only.
+    np.testing.assert_allclose(ramp.amplitude.sum(axis=1), exact, rtol=3e-4)
     index = group_index(scene.medium, 532e-9)
     assert ramp.tau.max() < 2 * index * 4.0 / C_M_PER_S, "nothing comes from behind the wall"
     # With forward scattering there is more at every range, and next to the lens as much.
@@ -136,7 +136,7 @@ def test_the_waveform_of_the_ramp_is_its_convolution() -> None:
         low, high = max(centre - 0.35, 0.025), min(centre + 0.35, 4.0)
         exact = quad(lambda r, e=edges[sample]: np.exp(-k * r) / r**2 * share(r, e), low, high, limit=100)[0]  # type: ignore[misc]
         exact *= per_joule(scene, waveform_ranger(scene)) * rig.laser.pulse_energy_j
-        # Half σ cells, two points each: 1e-3; the cell that the wall cuts errs most.
+        # Half σ cells, two points each.
         assert veil[sample] == pytest.approx(exact, rel=6e-3, abs=2e-3 * float(veil.max())), sample
     np.testing.assert_allclose(
         capture["truth_electrons"].values - capture["truth_background"].values,

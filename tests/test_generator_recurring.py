@@ -1,4 +1,4 @@
-"""Structure finer than a pixel that recurs in every one: centre rays all see the same of it, and must not be believed."""
+"""Periodic structure finer than a pixel: centre rays all hit the same part of it, and must not decide."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_slats_in_every_pixel_are_not_taken_for_a_wall(share: float, offset: flo
 
 
 def test_slats_as_bright_as_the_wall_behind_them_show_by_their_time() -> None:
-    """A wall behind, as bright as the slats: brightness tells nothing; half the light must come later."""
+    """A wall behind, as bright as the slats: brightness carries no information; half of the light must arrive later."""
     scene = slats(0.5, 0.1, 6.0, 0.5 * (6.0 / 4.7) ** 2)
     found = render_direct(scene, 1e-3)
     r = found.returns

@@ -1,4 +1,4 @@
-"""The scatter rung: its limits in closed form, its ramp against quadrature, what it counts as signal and background."""
+"""The scatter rung: its limits in closed form, its ramp against quadrature, and its division into signal and background."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What changes from slice to slice, and what shares a pixel: a moving platform, and a screen before the target."""
+"""Changes from slice to slice and within a pixel: a moving platform, and a screen in front of the target."""
 
 from __future__ import annotations
 

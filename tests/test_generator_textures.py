@@ -94,7 +94,11 @@ def test_both_rungs_see_the_same_texture(kind: str, law: str, tmp_path: Path) ->
     world = PathWorld.of(scene, view_of(scene))
     si = world.geometry.ray_intersect(mi.Ray3f(mi.Point3f(0.0), d))
     found = np.asarray(si.bsdf().eval(mi.BSDFContext(), si, si.wi)[0].numpy(), dtype=np.float64)
-    np.testing.assert_allclose(found, wanted, atol=1e-4 if kind == "sphere" else 1e-5)
+    # A ray along the edge of two facets meets either of them: only rays that meet the same one see the same slope.
+    normal = np.stack([np.asarray(si.n[axis].numpy(), dtype=np.float64) for axis in range(3)])
+    same = np.abs((normal.T * hits.normal[mine]).sum(axis=1)) > 1 - 1e-6
+    assert same.mean() > 0.95
+    np.testing.assert_allclose(found[same], wanted[same], atol=1e-4 if kind == "sphere" else 1e-5)
 
 
 def corner(left: list[dict[str, Any]], size: int = 4) -> Scene:

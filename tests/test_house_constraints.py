@@ -1,4 +1,4 @@
-"""constraints.txt names one version of every dependency, and holds nothing but names, versions and markers."""
+"""constraints.txt states one version of every dependency, and holds only names, versions and markers."""
 
 from __future__ import annotations
 

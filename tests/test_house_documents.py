@@ -1,4 +1,4 @@
-"""The papers of the house: decisions are numbered and dated, CI runs the README's own command, versions agree."""
+"""The project's documents: decisions are numbered and dated, CI runs the command of the README, versions agree."""
 
 from __future__ import annotations
 

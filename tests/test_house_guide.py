@@ -1,4 +1,4 @@
-"""The example of CONTRIBUTING.md runs as it stands and keeps what it says of itself."""
+"""The example of CONTRIBUTING.md runs unchanged, and its results are as stated there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The floors of the house: an import points down only, and what estimates never meets what generates."""
+"""The floors: imports point down only, and estimators and generator never import each other."""
 
 from __future__ import annotations
 

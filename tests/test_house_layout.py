@@ -1,4 +1,4 @@
-"""The house is as drawn: packaging names every folder, typings link to it, and the sources keep its rules."""
+"""The layout of the project: packaging lists every folder, typings link to it, and the sources follow the rules."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def test_no_machine_path_and_no_registry_host(project: Path) -> None:
 
 
 def test_data_grids_hold_plain_numbers(project: Path) -> None:
-    """Every grid of the library: small, one two-dimensional array of finite numbers, its origin told beside it."""
+    """Every grid of the library: small, one two-dimensional array of finite numbers, its origin stated beside it."""
     import numpy as np
 
     grids = sorted((project / "scenes" / "library").glob("*.npz"))

@@ -1,4 +1,4 @@
-"""drjit runs on the libLLVM of the wheel, unless the user named another one."""
+"""drjit uses the libLLVM of the wheel, unless the user sets another one."""
 
 from __future__ import annotations
 

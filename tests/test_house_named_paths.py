@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-#: Files that a reader is told to create: they must not exist, so that an entry cannot hide a wrong name.
+#: Files that readers are to create: they must not exist, so that an entry cannot hide a wrong name.
 TO_CREATE = {"estimators/gated/half_sum.py"}
 
 _FILE = re.compile(r"(?<![\w./<>*-])[\w-][\w./-]*\.py\b")

@@ -38,7 +38,7 @@ def run(command: list[str], cwd: Path) -> str:
 
 
 def setuptools_is_recent() -> bool:
-    """With the setuptools that pyproject.toml asks for, nothing is fetched; else `build` makes its own environment."""
+    """With the setuptools that pyproject.toml requires, nothing is downloaded; else `build` makes its own environment."""
     try:
         return int(version("setuptools").split(".")[0]) >= 77
     except PackageNotFoundError:

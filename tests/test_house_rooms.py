@@ -1,5 +1,5 @@
-"""The rooms of the house: their written order, no circles, no borrowed private names, short functions, and modalities that
-stand only in their own files and in the tables."""
+"""The rooms of the floors: their order, no import circles, no private names across files, short functions, and modalities only
+in their own files and in the tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ ORDER: dict[str, tuple[str, ...]] = {
         "constants", "jit", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry", "illumination",
         "reflection", "ladar", "likelihood", "pile_up", "time_of_flight",
     ),
-    "scenes": ("rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load"),
+    "scenes": (
+        "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
+    ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example",
         "export", "contents",

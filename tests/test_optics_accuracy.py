@@ -32,7 +32,7 @@ def test_eq16_drops_the_root_of_two_pi() -> None:
 
 
 def test_the_range_accuracy_of_the_set_up() -> None:
-    """σ·t_step = .9 ns² and 256 levels give 8.894 mm with c = 3e8, whatever σ; 5.62 mm with the √(2π)."""
+    """σ·t_step = .9 ns² and 256 levels give 8.894 mm with c = 3e8, for any σ; 5.62 mm with the √(2π)."""
     for sigma in (0.9e-9, 1.8e-9, 3e-9):
         step = 0.9e-18 / sigma
         printed = 1e3 * law.range_accuracy_eq17(sigma, law.snr_eq16(sigma, step, 256), 3e8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,6 +127,86 @@ def test_white_furnace_of_facets(distribution: str, roughness: float) -> None:
         assert np.all(value[:3] > 0.99)
 
 
+#: The table in the docstring: height-correlated over exact masking in a coaxial rig, at 60, 70 and 80°.
+COAXIAL = {
+    ("beckmann", 0.2): (1.000, 0.999, 0.962), ("beckmann", 0.5): (0.987, 0.934, 0.779),
+    ("beckmann", 1.0): (0.889, 0.785, 0.652), ("ggx", 0.2): (0.972, 0.938, 0.831),
+    ("ggx", 0.5): (0.878, 0.794, 0.666), ("ggx", 1.0): (0.750, 0.671, 0.587),
+}  # fmt: skip
+
+
+def _seen_facets(theta: float, roughness: float, distribution: str) -> float:
+    """∫ D(m) max(ω·m, 0) dm by a midpoint rule over slopes: all facets that face ω, before any is masked."""
+    t = np.tan(0.5 * np.pi * (np.arange(4000) + 0.5) / 4000)
+    tangent = roughness * t
+    cosine = 1.0 / np.sqrt(1.0 + tangent**2)
+    # D cosθ dω in the slopes is a density of tanθ/α, over even azimuths: exp(−t²) or 1/(1 + t²)².
+    weight = 2.0 * t * (np.exp(-(t**2)) if distribution == "beckmann" else 1.0 / (1.0 + t**2) ** 2)
+    weight *= 0.5 * np.pi * (1.0 + t**2) / 4000
+    azimuth = np.pi * (np.arange(720) + 0.5) / 720
+    facing = np.maximum(np.cos(theta) + np.sin(theta) * tangent[:, None] * np.cos(azimuth), 0.0).mean(axis=1)
+    assert np.sum(weight) == pytest.approx(1.0, abs=1e-3) and np.all(cosine > 0.0)
+    return float(np.sum(weight * facing))
+
+
+@pytest.mark.parametrize(("distribution", "roughness"), COAXIAL)
+def test_masking_is_exact_for_a_coaxial_rig(distribution: Any, roughness: float) -> None:
+    """All that the eye sees is lit: of the facets that face it, whose projection is ∫ D max(ω·m, 0) dm, it sees cosθ.
+
+    That share is G, from an integral over slopes that holds no Λ; GGX's slow tail leaves 1e-3 beyond the last node.
+    """
+    law: dict[str, Any] = {"diffuse_albedo": 0.0, "f0": 1.0, "roughness": roughness, "distribution": distribution}
+    for degrees, ratio in zip((60.0, 70.0, 80.0), COAXIAL[distribution, roughness], strict=True):
+        theta = np.radians(degrees)
+        at = monostatic(np.array([np.cos(theta)]))
+        seen = np.cos(theta) / _seen_facets(theta, roughness, distribution)
+        assert 1.0 / (2.0 - seen) == pytest.approx(ratio, abs=2e-3)  # (1 + Λ)/(1 + 2Λ) with Λ = 1/G − 1
+        bare = 0.25 * facet_density(at.cos_h, roughness, distribution)[0] / np.cos(theta)
+        if bare < 1e-300:  # no facet faces the rig: exp(−804)
+            assert (distribution, roughness, degrees) == ("beckmann", 0.2, 80.0)
+            continue
+        exact = cook_torrance(at, masking="height-direction-correlated", **law)[0]
+        assert exact / bare == pytest.approx(seen, rel=2e-3)
+        usual = cook_torrance(at, masking="height-correlated", **law)[0]
+        assert usual / exact == pytest.approx(ratio, abs=6e-4)
+
+
+def test_masking_between_its_limits() -> None:
+    """One azimuth: the steeper direction's Λ alone; opposite azimuths: nearly the height-correlated form; never above it."""
+    law: dict[str, Any] = {"diffuse_albedo": 0.0, "f0": 1.0, "roughness": 0.5, "distribution": "ggx"}
+
+    def value(first: float, second: float, azimuth: float, masking: Any) -> float:
+        wi, wo = (
+            np.array([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)])
+            for t, p in ((first, 0.0), (second, azimuth))
+        )
+        return float(cook_torrance(angles([0.0, 0.0, 1.0], wi, wo), masking=masking, **law))
+
+    exact, usual = "height-direction-correlated", "height-correlated"
+
+    def smith(theta: float) -> float:
+        return 0.5 * (np.sqrt(1.0 + 0.25 * np.tan(theta) ** 2) - 1.0)
+
+    ratio = value(1.0, 1.3, 0.0, exact) / value(1.0, 1.3, 0.0, usual)
+    assert ratio == pytest.approx((1.0 + smith(1.0) + smith(1.3)) / (1.0 + smith(1.3)), rel=1e-6)
+    share = 4.41 * np.pi / (4.41 * np.pi + 1.0)
+    ratio = value(1.0, 1.3, np.pi, exact) / value(1.0, 1.3, np.pi, usual)
+    assert ratio == pytest.approx((1.0 + smith(1.0) + smith(1.3)) / (1.0 + smith(1.3) + share * smith(1.0)), rel=1e-6)
+    assert value(1.0, 1.3, 1.0, exact) == pytest.approx(
+        value(1.3, 1.0, 1.0, exact) * np.cos(1.0) / np.cos(1.3), rel=1e-9
+    )
+    with pytest.raises(ValueError, match="height-correlated"):
+        value(1.0, 1.0, 0.0, "none")
+
+
+@pytest.mark.parametrize("masking", ["height-correlated", "height-direction-correlated"])
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+def test_neither_masking_makes_energy(distribution: Any, masking: Any) -> None:
+    response = partial(cook_torrance, diffuse_albedo=0.0, f0=1.0, roughness=1.0, distribution=distribution,
+                       masking=masking)  # fmt: skip
+    assert conserves_energy(response)
+
+
 @pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
 def test_facet_density_projects_to_one(distribution: str, roughness: float) -> None:
@@ -176,6 +257,17 @@ def test_specular_term_is_beckmann_over_four_cosines() -> None:
     cos_theta = np.cos(np.radians(np.linspace(0.0, 80.0, 50)))
     printed = chua_printed(cos_theta, k_s=1.0 / (4.0 * np.pi * s * s), k_d=0.0, slope=s, diffusivity=1.0)
     np.testing.assert_allclose(printed, facet_density(cos_theta, s, "beckmann") / (4.0 * cos_theta**2), rtol=1e-10)
+
+
+@pytest.mark.parametrize("convention", ["brdf", "reciprocal"])
+def test_at_m_0_both_terms_are_brdfs(convention: Any) -> None:
+    """Beckmann's facets without masking, D/(4cos²θ), over a Lambert base: what a coaxial rig sees is f·cosθ."""
+    s, k_s, albedo = 0.35, 0.3, 0.4
+    cosine = np.cos(np.radians(np.linspace(0.0, 80.0, 50)))
+    found = chua(monostatic(cosine), k_s=k_s, k_d=albedo / np.pi, slope=s, diffusivity=0.0, convention=convention)
+    density = np.exp(-(1.0 / cosine**2 - 1.0) / s**2) / (np.pi * s**2 * cosine**4)
+    brdf = 4.0 * np.pi * s**2 * k_s * density / (4.0 * cosine**2) + albedo / np.pi
+    np.testing.assert_allclose(found, brdf * cosine, rtol=1e-10)
 
 
 def test_diffuse_term_at_m_1_is_lambert_with_foreshortening() -> None:

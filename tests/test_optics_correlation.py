@@ -174,7 +174,7 @@ def reach(pulse: Case, gate: Case) -> tuple[float, float]:
 @pytest.mark.parametrize("gate", GATES, ids=ids)
 @pytest.mark.parametrize("pulse", PULSES, ids=ids)
 def test_every_pair_against_quadrature(pulse: Case, gate: Case) -> None:
-    # Asked: 1e-6 of the peak. The closed forms lose about 1e-16 × (longest/shortest time)², here below 1e-9.
+    # Requested: 1e-6 of the peak. The closed forms lose about 1e-16 × (longest/shortest time)², here below 1e-9.
     lo, hi = reach(pulse, gate)
     u = np.linspace(lo, hi, 11) + 0.00417
     peak = np.max(c.correlation(pulse.shape, gate.shape, np.linspace(lo, hi, 4001) * NS))

@@ -98,7 +98,7 @@ def test_no_information_is_infinite_not_an_error() -> None:
     mu, d_tau, d_a, d_b = _stack(0.5, 500.0, 2.0)
     assert np.isinf(tau_bound(mu, 0.0 * d_tau, d_a, d_b, table)[0])
     assert np.isinf(tau_bound(np.full_like(mu, 1e7), d_tau, d_a, d_b, table)[0])  # every slice saturated
-    # τ that acts exactly as the amplitude does cannot be told from it.
+    # A delay that acts exactly like the amplitude cannot be distinguished from it.
     assert np.isinf(tau_bound(mu, 3.0 * d_a, d_a, d_b, table)[0])
     # A nuisance that the stack does not see is left out.
     assert np.isfinite(tau_bound(mu, d_tau, d_a, 0.0 * d_b, table)[0])

@@ -51,7 +51,7 @@ def test_water_against_measurement(temperature_c: float, wavelength_um: float) -
     group = n + square / n * sum(a * b / (square - b) ** 2 for a, b in DAIMON[temperature_c])
     at = (wavelength_um * 1e-6, temperature_c, 0.0)
     # Quan and Fry state an error of 1.5e-5 against their data, which are good to a few 1e-5. Their index relative to
-    # air is lower by 3.7e-4: ten times that, so this tells which of the two it is.
+    # air is lower by 3.7e-4: ten times that, so that this distinguishes the two.
     assert abs(water_phase_index(*at) - n) < 4e-5
     assert abs(water_group_index(*at) - group) < 1e-4
     assert 3e-4 < n - quan_fry_index(*at) < 4.2e-4

@@ -287,7 +287,7 @@ def test_the_halo_turns_back_by_a_softened_phase_function() -> None:
     back = float(phase_density(coastal, np.pi))
     soft = [float(softened_phase(coastal, length, [np.pi])[0]) / back for length in (1e-6, 0.2, 1.0, 3.0)]
     assert np.all(np.diff(soft) < 0) and 0.85 < soft[-1] < soft[0] < 1
-    # at ψ = π the turn is π − ω, whatever the azimuth
+    # at ψ = π the turn is π − ω, for any azimuth
     spread = halo_spread(coastal, 1.0)
     ring = np.diff(spread.enclosed, prepend=0.0)
     expected = float(ring @ phase_density(coastal, np.pi - spread.angle_rad)) / float(ring.sum())

@@ -1,4 +1,4 @@
-"""The report's verdicts: from tiles and calls where a run has them, from seeds where it is a table alone."""
+"""The verdicts of the report: from tiles and calls if the run has them, otherwise from the seeds of the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report page: what it says, that it is safe and offline, and that a browser draws it."""
+"""The report page: its contents, safety and independence of the network, and its display in a browser."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_it_is_small(run_dir: Path) -> None:
 
 @pytest.fixture(scope="module")
 def evil_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A page whose table came from a stranger."""
+    """A page with a hostile table."""
     folder = made_up.make_run(tmp_path_factory.mktemp("evil"), pictures=False)
     table = pd.read_csv(folder / "scores.csv")
     table = table[(table["scene"] == "flat-wall") & (table["seed"] == 0)]
@@ -203,7 +203,7 @@ def browse(page: Path, profile: Path, *flags: str) -> subprocess.CompletedProces
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 def test_a_browser_draws_it(run_dir: Path, page: str, tmp_path: Path) -> None:
-    """Every chart is drawn, nothing is complained of on the console, and nothing is asked of a network."""
+    """Every chart is drawn, the console shows no message, and nothing is requested from a network."""
     log = tmp_path / "net.json"
     done = browse(run_dir / "report.html", tmp_path / "profile", "--dump-dom", f"--log-net-log={log}")
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""What a run says in words, and the numbers and pictures behind it."""
+"""The summary of a run in words, and its numbers and pictures."""
 
 from __future__ import annotations
 
@@ -52,6 +52,23 @@ def test_three_sentences(table: pd.DataFrame) -> None:
     sentences = summary(table)
     assert len(sentences) == 3 and all(sentence.endswith(".") for sentence in sentences)
     assert "4 estimators fail" in sentences[2]
+
+
+def test_a_result_better_than_its_bound_is_told_in_the_last_lines_and_on_the_page(tmp_path: Path) -> None:
+    """From 1.2 times the bound's information on, over at least 100 elements; never of fewer, and never silently."""
+    from beambench.benchmarks.report.page import write_report
+
+    fair, doubtful = (
+        made_up.score_row(scene="a", efficiency=1.15),
+        made_up.score_row(scene="b", efficiency=5000.0, n=100),
+    )
+    few = made_up.score_row(scene="c", efficiency=5000.0, n=99)
+    assert not [line for line in closing_lines(pd.DataFrame([fair, few])) if line.startswith("doubt")]
+    (told,) = [line for line in closing_lines(pd.DataFrame([fair, doubtful, few])) if line.startswith("doubt")]
+    assert "efficiency of 5e+03 in b" in told and "100 pixels" in told
+    pd.DataFrame([fair, doubtful, few]).to_csv(tmp_path / "scores.csv", index=False)
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert page.count('<p class="doubt" role="alert">') == 1 and "5e+03 in b" in page
 
 
 def _suite(scenes: int, spread: float, lead: float) -> pd.DataFrame:

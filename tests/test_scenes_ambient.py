@@ -159,6 +159,45 @@ def test_bad_light_is_refused_with_the_reason(light: dict[str, Any], says: str) 
     assert says in str(caught.value) or says in caught.value.allowed
 
 
+DAY = {"shape": "gaussian", "centre_m": 850e-9, "fwhm_m": 10e-9, "peak": 0.9}
+SILICON = {"wavelength_m": [400e-9, 600e-9, 1000e-9], "value": [0.3, 0.5, 0.1]}
+LINE = {"wavelength_m": [600e-9, 640e-9, 680e-9], "value": [0.0, 1.0, 0.0]}
+CUT = {"wavelength_m": [600e-9, 640e-9, 680e-9], "value": [0.0, 1.0, 0.5]}
+
+
+@pytest.mark.parametrize(
+    ("light", "says"),
+    [
+        ({"filter": DAY}, "not known above 780 nm"),
+        ({"filter": DAY | {"centre_m": 785e-9}}, "not known above 780 nm"),
+        ({"filter": DAY | {"centre_m": 776e-9, "shape": "rectangular"}}, "not known above 780 nm"),
+        ({"filter": DAY | {"centre_m": 290e-9}}, "not known below 300 nm"),
+        ({"filter": "none", "quantum_efficiency": SILICON}, "not known above 780 nm"),
+        ({"filter": "none"}, "has no end"),
+        (
+            {"illuminant": None, "temperature_k": 5772.0, "filter": DAY | {"centre_m": 1550e-9}},
+            "not known above 1200 nm",
+        ),
+        ({"illuminant": None, "spectrum": CUT, "filter": DAY | {"centre_m": 690e-9}}, "not known above 680 nm"),
+    ],
+)
+def test_light_is_not_dark_where_its_spectrum_is_unknown(light: dict[str, Any], says: str) -> None:
+    """Daylight at 808 and 905 nm was 0, and at 785 nm an eighth of its value: beyond a table is not dark but unknown."""
+    with pytest.raises(InputError) as caught:
+        lit("flat-wall", **light)
+    assert says in caught.value.allowed
+
+
+def test_a_table_that_ends_in_zero_is_dark_beyond() -> None:
+    assert lit("flat-wall", illuminant=None, spectrum=LINE, filter=DAY).rig.ambient_e_per_s == 0.0
+    # The tail of a Gaussian that reaches past the table by 1e-4 of its area is let pass: 770 nm ± 6.4 nm (3.6 σ) to 780.
+    near = DAY | {"centre_m": 768e-9, "fwhm_m": 8e-9}
+    assert lit("flat-wall", filter=near).rig.ambient_e_per_s > 0
+    # What is not seen need not be known: an efficiency that ends at 760 nm, behind a wide filter.
+    short = {"wavelength_m": [500e-9, 760e-9], "value": [0.3, 0.0]}
+    assert lit("flat-wall", filter=DAY | {"fwhm_m": 100e-9}, quantum_efficiency=short).rig.ambient_e_per_s > 0
+
+
 def test_ambient_light_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
     text = json.dumps(LIGHT)
     assert main(["scenes", "show", "flat-wall", "--set", f"rig.ambient={text}"]) == 2

@@ -1,4 +1,4 @@
-"""Values that no instrument could have are refused as the scene is loaded, with path and limits; generous ones are not."""
+"""Values that no instrument can have are refused when the scene is loaded, with path and limits; unusual ones are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes: the library loads, overrides mean the same from everywhere, and bad input is told clearly."""
+"""Scenes: the library loads, overrides mean the same everywhere, and invalid input is refused with a clear message."""
 
 from __future__ import annotations
 

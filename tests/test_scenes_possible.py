@@ -139,3 +139,16 @@ def test_a_scene_made_in_python_is_checked_when_it_is_traced() -> None:
     item = scene.target[0].model_copy(update={"shape": near})
     with pytest.raises(InputError, match="camera is inside"):
         Tracer(scene.model_copy(update={"target": (item, *scene.target[1:])}))
+
+
+@pytest.mark.parametrize(("pulses", "fine"), [(100, True), (25_000, True), (26_000, False), (100_000, False)])
+def test_delays_beyond_the_next_pulse_are_refused(pulses: int, fine: bool) -> None:
+    """Behind every later pulse the echo of an earlier one lies in the gates; the last of flat-wall opens after 38.95 ns, and
+    1 ms holds 25,000 pulses 40 ns apart, 26,000 of them 38.5 ns."""
+    changes = {"rig.pulses_per_slice": pulses}
+    if fine:
+        load_scene("flat-wall", changes)
+        return
+    with pytest.raises(InputError, match="next pulse") as caught:
+        load_scene("flat-wall", changes)
+    assert "pulses_per_slice" in caught.value.where

@@ -1,4 +1,4 @@
-"""Kinds of rig: each record is whole and true of its spec, and a kind that only a table lists works everywhere."""
+"""Kinds of rig: each record is complete and agrees with its spec, and a kind that is only listed in the table works everywhere."""
 
 from __future__ import annotations
 

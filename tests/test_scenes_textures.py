@@ -1,4 +1,4 @@
-"""Textured albedo: where its values lie on every kind of surface, what they do to echoes and truth, and bad files."""
+"""Textured albedo: its position on every kind of surface, its effect on echoes and truth, and invalid files."""
 
 from __future__ import annotations
 
@@ -207,6 +207,49 @@ def test_png_files_and_their_encoding(tmp_path: Path) -> None:
     (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing")
     with pytest.raises(InputError, match="cannot be read"):
         load_texture(Texture(file=str(tmp_path / "broken.png"), encoding="linear"), "t")
+
+
+@pytest.mark.parametrize("interlaced", [False, True])
+@pytest.mark.parametrize(("samples", "colour", "bits"), [(1, 0, 8), (1, 0, 16)])
+def test_a_damaged_picture_is_refused(
+    ramp: dict[str, Any], tmp_path: Path, samples: int, colour: int, bits: int, interlaced: bool
+) -> None:
+    """libpng gives black rows after the damage: a cut file, a flipped bit, a lost end, a missing row."""
+    import struct
+    import zlib
+
+    def part(name: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+    rows = cols = 16
+    grids = [(range(r, rows, dr), range(c, cols, dc)) for r, c, dr, dc in (
+        ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
+        if interlaced else ((0, 0, 1, 1),)
+    )]  # fmt: skip
+    pixel = bits // 8 * samples
+    lines = [
+        b"\0" + bytes((7 * row + col) % 251 for col in range(pixel * len(across)))
+        for down, across in grids
+        for row in down
+    ]
+    head = part(b"IHDR", struct.pack(">IIBBBBB", cols, rows, bits, colour, 0, 0, int(interlaced)))
+    start, end = b"\x89PNG\r\n\x1a\n", part(b"IEND", b"")
+    data = zlib.compress(b"".join(lines))
+    whole = start + head + part(b"IDAT", data[:20]) + part(b"IDAT", data[20:]) + end
+    file = tmp_path / "p.png"
+    spec = Texture(file=str(file), encoding="linear")
+    file.write_bytes(whole)
+    assert load_texture(spec, "test").shape == (rows, cols)
+    flipped = bytearray(whole)
+    flipped[len(start + head) + 12] ^= 1
+    for damaged in (
+        whole[: len(whole) // 2], bytes(flipped), whole[:-12], whole[:-1], start,
+        start + head + part(b"IDAT", zlib.compress(b"".join(lines[:-1]))) + end,
+        start + head + part(b"IDAT", data[:-4]) + end, start + head + part(b"IDAT", b"\0" + data[1:]) + end, start + head + end,
+    ):  # fmt: skip
+        file.write_bytes(damaged)
+        with pytest.raises(InputError):
+            load_texture(spec, "test")
 
 
 def test_bad_textures_are_refused(ramp: dict[str, Any], tmp_path: Path) -> None:

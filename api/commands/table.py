@@ -24,6 +24,7 @@ _COMMANDS = {
     "estimators new": (0, "estimators:NEW"),
     "estimators train": (0, "estimators:TRAIN"),
     "export": (9, "estimate:EXPORT"),
+    "bound": (10, "bound:BOUND"),
     "sweep": (13, "search:SWEEP"),
     "break": (14, "search:BREAK"),
     "fidelity": (15, "fidelity:FIDELITY"),

@@ -1,4 +1,4 @@
-"""The machine: Python, processor, caches and disks."""
+"""The machine: Python, processor and disks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from .finding import Finding
 from .packages import version_of
 
-__all__ = ["caches", "disks", "python"]
+__all__ = ["disks", "python"]
 
 #: Below this a run of quickstart may not fit.
 _DISK_BYTES = 2 * 2**30
@@ -28,20 +28,6 @@ def python() -> list[Finding]:
         Finding("python", "beambench", "ok", version_of("beambench") or "not installed as a package"),
         Finding("python", "cores", "ok", str(cores)),
     ]
-
-
-def caches() -> list[Finding]:
-    """The folder of compiled kernels."""
-    from ..optics.jit import cache_folder
-
-    folder = cache_folder()
-    # If the user's cache cannot be written, a temporary folder is used: kernels are compiled again in every process.
-    lasting = not folder.name.startswith("beambench-numba-")
-    advice = (
-        "" if lasting else "set XDG_CACHE_HOME to a writable folder; otherwise kernels are compiled in every process"
-    )
-    free = f"{shutil.disk_usage(folder).free / 2**30:.1f} GiB free"
-    return [Finding("caches", "numba", "ok" if lasting else "warning", f"{folder}: {free}", advice)]
 
 
 def disks() -> list[Finding]:

@@ -108,6 +108,7 @@ def estimators_train(
     """
     from ..estimators import train
     from ..scenes.errors import InputError
+    from ..scenes.places import local_path
 
     paths = [data] if isinstance(data, str | Path) else data
     if not isinstance(paths, Sequence) or not paths or not all(isinstance(path, str | Path) for path in paths):
@@ -118,4 +119,4 @@ def estimators_train(
     if not isinstance(out, str | Path):
         raise InputError("The weights are written to a file.", where="out", value=out, allowed="a path, as w.npz")
     check_free(out, overwrite=overwrite)
-    return train(paths, Path(out).expanduser(), units=units, ridge=ridge, seed=seed)
+    return train(paths, local_path(out), units=units, ridge=ridge, seed=seed)

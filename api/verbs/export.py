@@ -35,12 +35,13 @@ def export(
     from ..captures import open_captures
     from ..captures.export import export_hdf5
     from ..scenes.errors import InputError
+    from ..scenes.places import local_path
 
     if to != "hdf5":
         raise InputError("There is no export to this format.", where="--to", value=to, allowed="hdf5")
     check_free(out, overwrite=overwrite)
     captures = open_captures(data)
-    path = Path(out).expanduser() if out is not None else default_out(f"export-{Path(data).stem}").with_suffix(".h5")
+    path = local_path(out) if out is not None else default_out(f"export-{Path(data).stem}").with_suffix(".h5")
     if path.exists() and (path.is_dir() or not h5py.is_hdf5(path)):
         raise InputError("The existing output is not an HDF5 file, so it is not replaced.", where=str(path))
     path.parent.mkdir(parents=True, exist_ok=True)

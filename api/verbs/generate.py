@@ -65,8 +65,9 @@ def generate(
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..benchmarks.datasets.items import items_of
+    from ..scenes.places import local_path
 
-    place, changes = None if out is None else Path(out).expanduser(), dict(overrides or {})
+    place, changes = None if out is None else local_path(out), dict(overrides or {})
     if like is not None:
         given = {
             "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,
@@ -111,10 +112,10 @@ def _repeat(
     names = [name for name, value in given.items() if value is not None and value is not False]
     if names:
         raise InputError(
-            "--like repeats a store from its own records; nothing of them can be changed.",
+            "The option --like repeats a store from its own records, which cannot be changed.",
             where="--like",
             value=", ".join(names),
-            allowed="--plan, --out, --overwrite, and --set for where a file of its scene lies",
+            allowed="--plan, --out, --overwrite, and --set with the path of a file of its scene",
             next_step="leave them out, or generate from the scene",
         )
     return repeat_store(Path(like).expanduser(), places, plan, out, overwrite, progress or silent)
@@ -129,5 +130,7 @@ def _check_request(source: Any, out: Path | None, resume: bool, overwrite: bool)
         raise InputError("Both --resume and --overwrite are given.", where="--resume", allowed="one of them")
     if resume and out is None:
         raise InputError(
-            "--resume needs the store to continue.", where="--out", next_step="add --out STORE, an earlier output"
+            "The option --resume needs the store to continue.",
+            where="--out",
+            next_step="add --out STORE, an earlier output",
         )

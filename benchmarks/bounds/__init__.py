@@ -1,1 +1,1 @@
-"""Bounds: the least error that the physics of a capture allows."""
+"""Bounds: the smallest error that the physics of a capture allows."""

@@ -1,9 +1,9 @@
 """Cramer-Rao bound of the range of every shot of an AMCW capture, mean and modulation profiled.
 
-Sample (f, k) has the mean μ = M + D cos(ω_f τ − φ_k) + v, D = A m d/2, M = A + ambient + dark, v what the water scatters
-back (known, as it does not depend on the target: it adds noise only). With J the exact information
-of a sample (Poisson ⊗ Gaussian ⊗ ADC) and gradients (−D ω sin · 2n_g/c, 1, cos): σ² = (F⁻¹)₀₀. The bound is local: it
-knows the whole number of cycles, which an estimator must find.
+Sample (f, k) has the mean μ = M + D cos(ω_f τ − φ_k) + v, D = A m d/2, M = A + ambient + dark, v the light
+scattered back by the water (known, as it does not depend on the target; it adds noise only). With J the exact information
+of a sample (Poisson ⊗ Gaussian ⊗ ADC) and gradients (−D ω sin · 2n_g/c, 1, cos): σ² = (F⁻¹)₀₀. The bound is local: the
+number of whole cycles, which an estimator must determine, is taken as known.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.amcw import AmcwRig, amcw_rig
+from ...scenes.scene import Scene
 from ..scores.truth import Bound
+from .footprint import footprint_std_s, is_wide
 from .instrument import bounded, true_scene, unbounded
 from .profiled import profiled_sigma
 
@@ -33,10 +35,11 @@ Float = npt.NDArray[np.float64]
 def amcw_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated AMCW capture.
 
-    `scale` is the standard deviation of half the shortest modulation wavelength, λ_m/(2√12): an answer that is
-    wrong by a cycle counts as failed. `kind` is "exact", or "quasi" where the power fluctuates per shot; "none" without
-    true scene and amplitude, with scales from the declared rig. Raises InputError for a true scene that is none, or a rig
-    that does not declare what is needed.
+    `scale` is the standard deviation of a uniform error over half the shortest modulation wavelength, λ_m/(2√12), so that an
+    error of one cycle counts as a failure. `kind` is "exact", or "quasi" if the power fluctuates from shot to shot, or if the
+    footprint of any shot spreads the phase of the highest frequency by more than a tenth of a radian (it loses contrast); "none"
+    without true scene and amplitude, with scales from the declared rig. Raises InputError for an invalid true scene, or for a
+    declared rig that lacks a required value.
     """
     if not bounded(capture, "truth_amplitude"):
         return unbounded(capture, _declared_scales)
@@ -59,8 +62,15 @@ def amcw_bound(capture: xr.Dataset) -> Bound:
     gradient = np.stack([-depth * omega * np.sin(turn) / half, np.ones_like(turn), np.cos(turn)])
     information = np.asarray(information_table(amcw_noise(rig))(mean), np.float64)
     sigma = profiled_sigma(information, gradient)
-    kind = "quasi" if rig.laser.power_fluctuation > 0 else "exact"
+    kind = "quasi" if rig.laser.power_fluctuation > 0 or _is_wide(scene, rig, float(omega.max())) else "exact"
     return Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, scale, window)
+
+
+def _is_wide(scene: Scene, rig: AmcwRig, omega: float) -> bool:
+    field = math.atan2(0.5 * rig.detector.active_diameter_m, rig.receiver.focal_length_m)
+    reach = rig.scan_half_angle_rad
+    angle = np.linspace(-reach, reach, rig.shots) if rig.shots > 1 else np.zeros(1)
+    return is_wide(footprint_std_s(scene, rig.laser.illumination, rig.laser.wavelength_m, field, angle), 1.0 / omega)
 
 
 def _shortest_scale(frequency: Float, index: float) -> float:
@@ -90,6 +100,6 @@ def background_of(capture: xr.Dataset, rig: AmcwRig) -> Float:
     """Ambient, dark and scattered electrons of the samples, (shots or 1, samples or 1)."""
     if "truth_background" in capture:
         return np.asarray(capture["truth_background"].values, np.float64).reshape(capture["truth_range"].size, -1)
-    # Older captures hold no light that the water scattered.
+    # Older captures hold no light scattered by the water.
     level = (0.5 * rig.ambient_e_per_s + rig.detector.dark_e_per_s) * rig.modulation.integration_s
     return np.full((1, 1), level)

@@ -1,4 +1,4 @@
-"""The threshold of amplitude-modulated ranging: mean samples over the window of ranges."""
+"""Scan of amplitude-modulated ranging: mean samples over the window of ranges."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Float = npt.NDArray[np.float64]
 
 
 def amcw_scan(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
-    """Scan and elements of a generated capture. Raises InputError where it lacks its amplitude."""
+    """Scan and elements of a generated capture. Raises InputError if it lacks its true amplitude."""
     need_truth(capture, "truth_amplitude")
     rig = amcw_rig(scene)
     modulation, detector = rig.modulation, rig.detector

@@ -3,19 +3,19 @@
 Prior: uniform over the grid of delays, amplitude and background known. With the posterior p(θ|y) of many simulated
 stacks,
 
-    mmse² = E var(θ|y)                                       the least mean square error of any estimator, attained by
-                                                             the posterior mean;
+    mmse² = E var(θ|y)                                       the smallest mean square error of any estimator, attained
+                                                             by the posterior mean;
     tight² = ∫₀^W (h/2) [1 − E max_c ∫_{c−h/2}^{c+h/2} p(θ|y) dθ] dh,
     m_ary² = ∫₀^W (h/2) V{ 1 − E ∫₀^h max_k p(φ+kh|y) dφ } dh,
 
-all three by the identity ε² = ∫ (h/2) P(abs(error) >= h/2) dh of Ziv and Zakai. `m_ary` puts for P the least error of
-deciding between all the delays φ + kh of the window at once; the prior falls into such sets, each delay in one of them,
-so that no 1/(M−1) is left of the bound of Bell et al. and M is as large as the window allows. `tight` puts the least P
-that any rule attains at that h. So ziv_zakai <= m_ary <= tight <= mmse (the first, of pairs, by the choice of h with
-M = 2 only where pairs decide), and `tight` is the limit of every bound of this family: where it stays below mmse, as it
-does in the threshold of wide windows by up to a third, no Ziv-Zakai bound meets what estimators do, since the best rule
-differs from h to h. A maximum of the likelihood is not the best estimate below threshold: where nothing is seen it errs
-by W/√6, the posterior mean by W/√12.
+all three by the identity ε² = ∫ (h/2) P(abs(error) >= h/2) dh of Ziv and Zakai. In `m_ary`, P is the least error of a
+decision between all delays φ + kh of the window; these sets divide the prior, each delay being in one of them, so that the
+factor 1/(M−1) of the bound of Bell et al. is absent and M is as large as the window allows. In `tight`, P is the least value
+that any decision rule attains at that h. Hence ziv_zakai <= m_ary <= tight <= mmse (the first inequality by the choice of h,
+with M = 2 only where pairs decide), and `tight` is the limit of every bound of this family. In the threshold of wide windows
+it is up to a third below mmse. There no Ziv-Zakai bound equals the error of the best estimator, since the best rule differs
+from h to h. The maximum of the likelihood is not the best estimate below threshold: without a visible echo its error is
+W/√6, that of the posterior mean W/√12.
 
 Source: H. L. Van Trees, Detection, Estimation, and Modulation Theory I, 1968, sec. 2.4; K. L. Bell, Y. Steinberg,
 Y. Ephraim and H. L. Van Trees, IEEE Trans. Inf. Theory 43:624, 1997 (identity, M hypotheses, valley filling).
@@ -38,8 +38,8 @@ _BLOCK = 512
 
 @dataclass(frozen=True)
 class PosteriorBound:
-    """`mmse`, its standard error by simulation, `tight` and `m_ary`, in the unit of the grid's step; `maximum`: rms error
-    of the posterior's maximum on the same draws. `tight` and `m_ary` are NaN where they were not asked for."""
+    """`mmse`, its standard error from the simulation (`error`), `tight` and `m_ary`, in the unit of the grid's step;
+    `maximum`: rms error of the posterior's maximum on the same draws. `tight` and `m_ary` are NaN if not requested."""
 
     mmse: float
     error: float
@@ -51,15 +51,15 @@ class PosteriorBound:
 def posterior_bound(
     mu: npt.ArrayLike, step: float, *, draws: int = 4000, seed: int = 1, family: bool = True
 ) -> PosteriorBound:
-    """Simulate stacks and their posteriors.
+    """Bounds from simulated stacks and their posteriors.
 
     Main arguments:
-        mu (θ, slice): means > 0 of Poisson samples on an even grid of delays that spans the window. Read noise enters as
-        the shifted Poisson: add σ² to every mean. step: of the grid; it must resolve the posterior (a third of the
-        Cramér-Rao bound or finer).
+        mu (θ, slice): means > 0 of Poisson samples on a uniform grid of delays that spans the window. Read noise is included
+        as a shifted Poisson distribution: add σ² to every mean. step: step of the grid, which must resolve the posterior (a
+        third of the Cramér-Rao bound or finer).
     Other arguments:
-        draws: stacks; delays are spread evenly over the grid. seed: of the draws. family: whether to compute `tight` and
-        `m_ary`, which cost more than `mmse`.
+        draws: number of stacks, with delays spread uniformly over the grid. seed: random seed of the draws. family: whether
+        to compute `tight` and `m_ary`, which cost more than `mmse`.
     Raises ValueError for means that are not positive.
     """
     mean = np.asarray(mu, np.float64)
@@ -70,7 +70,7 @@ def posterior_bound(
     truth = (np.arange(draws) * n) // draws
     theta = step * np.arange(n)
     log_mean, total = np.log(mean).T, mean.sum(axis=1)
-    # Window widths h in grid steps: each to the largest, then sparser; all widths below 24 steps.
+    # Window widths h in grid steps: all widths up to 24 steps, then sparser up to the largest.
     widths = np.unique(np.concatenate([np.arange(1, min(25, n)), np.geomspace(1, n - 1, 40).astype(int)]))
     variance, square = np.empty(draws), np.empty(draws)
     outside, lattice = np.zeros(widths.size), np.zeros(widths.size)
@@ -95,7 +95,7 @@ def posterior_bound(
     maximum = math.sqrt(float(square.mean()))
     if not family:
         return PosteriorBound(mmse, spread, math.nan, math.nan, maximum)
-    # A window of w grid points holds errors below w·step/2; delays w points apart are told apart at h = w·step.
+    # A window of w grid points contains errors below w·step/2; delays w points apart are distinguished at h = w·step.
     h = np.concatenate([[0.0], widths * step, [n * step]])
     miss = np.concatenate([[1.0], outside / draws, [0.0]])
     wrong = np.maximum.accumulate(np.concatenate([[1.0], lattice / draws, [0.0]])[::-1])[::-1]
@@ -106,13 +106,14 @@ def posterior_bound(
 def posterior_square(mu: npt.ArrayLike, step: float, truth: npt.NDArray[np.intp], *, seed: int = 1) -> Float:
     """w·(E[θ|y] − θ)² of one simulated stack per true index in `truth` (draw); other arguments as for `posterior_bound`.
 
-    Its mean over stacks of one true delay tells where in the window the least mean square error comes from: the mean of
-    that over delays is mmse². The mean of var(θ|y) has the same mean over delays, but not the same share of each: inside
-    the window the posterior doubts more than it errs (an echo just outside would look like none, and is rarely there), at
-    its ends it errs more than it doubts. Every other stack is drawn halfway (the geometric mean of the means) to a delay chosen
-    evenly from the window, and w = p(y|θ)/q(y), q half of p and half of the mean of those: at most 2. So wrong cells of
-    a chance of 10⁻⁴, worth 10⁴ times the variance of the rest, are half of what is drawn, not one stack in 10⁴, which
-    would make the bound 0 or a hundred times too high there. Neighbours in `truth` should be near each other.
+    The mean over stacks of one true delay is the contribution of that delay to the least mean square error; its mean over
+    delays is mmse². The mean of var(θ|y) has the same mean over delays, but not the same contribution of each: inside the
+    window the posterior variance exceeds the squared error, as the posterior also allows rare echoes just outside; at the
+    ends of the window it is smaller. Every other stack is drawn halfway (with the geometric mean of the means) to a delay
+    spread uniformly over the window, and w = p(y|θ)/q(y) with q half of p and half of the mean of those densities, so that
+    w <= 2. Therefore wrong cells with a probability of 10⁻⁴, which contribute 10⁴ times the variance of the rest, are half of
+    the draws, not one stack in 10⁴; otherwise the bound would be zero or a hundred times too high there. Neighbours in
+    `truth` should be close to each other.
     Source: A. Owen and Y. Zhou, J. Am. Stat. Assoc. 95:135, 2000 (mixtures with a defensive part).
     """
     mean = np.asarray(mu, np.float64)
@@ -140,8 +141,8 @@ def posterior_square(mu: npt.ArrayLike, step: float, truth: npt.NDArray[np.intp]
 
 
 def _decided_wrong(p: Float, width: int) -> float:
-    """Σ over draws of 1 − Σ_r max_k p(r + k·width | y): the residues r part the delays into sets, each decided at once.
-    Any window of `width` delays holds one of each set, so that this is at most what the best window misses."""
+    """Σ over draws of 1 − Σ_r max_k p(r + k·width | y): the residues r divide the delays into sets, with one decision each.
+    Any window of `width` delays contains one delay of each set, so that this is at most the miss of the best window."""
     rows = -(-p.shape[1] // width)
     padded = np.zeros((p.shape[0], rows * width))
     padded[:, : p.shape[1]] = p

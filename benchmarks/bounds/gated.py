@@ -1,17 +1,21 @@
 """Cramer-Rao bound of the range of every pixel of a gated stack, amplitude and background profiled.
 
-Slice k of a pixel has the mean μ_k = α R(u_k) + b β_k, u_k = n_g ℓ(r)/c − t_k − o, with ℓ the path there and back, o
-the pixel's gate offset and β the background's shape over slices. With J(μ) the Fisher information of one sample about
-its mean (Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC, `optics.fisher`) and gradients a_k = (α R'(u_k) n_g/c dℓ/dr, R(u_k), β_k),
+Slice k of a pixel has the mean μ_k = α R(u_k) + b β_k, u_k = n_g ℓ(r)/c − t_k − o, with ℓ the path from laser to target
+to camera, o the pixel's gate offset and β the shape of the background over slices. With J(μ) the Fisher information of one
+sample about its mean (Poisson ⊗ gamma ⊗ Gaussian ⊗ ADC, `optics.fisher`) and gradients a_k = (α R'(u_k) n_g/c dℓ/dr, R(u_k), β_k),
 
     F = Σ_k J(μ_k) a_k a_kᵀ,        σ² = (F⁻¹)₀₀ = 1/(F₀₀ − F₀₁ F₁₁⁻¹ F₁₀).
 
-In water α' = α + h stands in the gradient: the halo h, light of the target around, is no share of the pixel's own range, but
-moves with the target as a whole, and so do the answers of all estimators that obey the law of shift. With α alone the bound
-holds for those only that know the halo, and none does. The halo is left out of β and taken at the pixel's range.
+In water the gradient holds α + h in place of α. The halo h, light from the target around the pixel, does not depend on the
+pixel's own range, but it moves with the target as a whole, and so do the estimates of all estimators that obey the law of
+shift. With α alone the bound would hold only for estimators that know the halo, and none does. The halo is taken at the pixel's
+range and as sharp as R, and β as known beside it (its late tail would be taken for light that stands still): the bound is
+"quasi" there, and not too high.
 
-The pixel's amplitude and background are unknown to an estimator and so cost information. R comes from the closed forms
-of `optics.correlation` for the scene as it truly is, and α, b, r from the capture's truth.
+An estimator does not know amplitude and background of the pixel, which costs information. A background of exactly 0 costs
+none: if slices without light are noise-free they determine it without error (J → ∞); if all slices show light it is at the
+limit b ≥ 0, and an estimator that knows this limit can be better than F with free b. R is computed from the closed forms of
+`optics.correlation` for the true scene; α, b and r are the capture's truth.
 """
 
 from __future__ import annotations
@@ -36,23 +40,23 @@ __all__ = ["gated_bound"]
 
 Float = npt.NDArray[np.float64]
 
-#: Error of the tabulated R; that of the bound is some hundred times larger and below 1e-3.
+#: Relative error of the tabulated R; that of the bound is about a hundred times larger, and below 1e-3.
 _RTOL = 3e-6
 
 
 def gated_bound(capture: xr.Dataset) -> Bound:
     """The bound of every pixel of a generated capture (with its truth).
 
-    `kind` is "exact", or "quasi" where the capture holds something that the likelihood above does not: pulse energy or
-    delay that fluctuate per slice, correlated noise of a phosphor, averaged counts, a lens or lamp of finite size, a rig
-    that moves, a screen. Fixed patterns (PRNU, DSNU) are per-pixel constants and part of the profiled amplitude and
+    `kind` is "exact", or "quasi" if the capture has an effect that the likelihood above does not include: pulse energy or
+    delay that fluctuate from slice to slice, a halo, correlated noise of a phosphor, averaged counts, a lens or lamp of finite
+    size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are constants of each pixel, and part of the profiled amplitude and
     background.
 
     A capture without its true scene, amplitude or background (surveyed, or measured by a reference instrument) has no
-    bound: `kind` is "none", and the scales come from the rig as declared.
+    bound: `kind` is "none", and the scales follow from the declared rig.
 
     Raises:
-        InputError: a true scene that is none, or a declared rig without pulse, gates or medium where it is needed.
+        InputError: the true scene is invalid, or the declared rig lacks a required pulse, gate or medium.
     """
     if not bounded(capture, "truth_amplitude", "truth_background"):
         return unbounded(capture, lambda rig: _declared_scales(capture, rig))
@@ -75,7 +79,7 @@ def _window(delay: Float, half: float, scale: float) -> float:
 
 
 def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
-    """(scale, window) of the declared samples, each read with straight lines: R's variance is the sum of theirs."""
+    """(scale, window) of the declared samples, interpolated linearly: the variance of R is the sum of their variances."""
     half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
     jitter = float(rig["laser"]["jitter_shot_s"])
     pulse = samples_variance_s2(rig["pulse"]) + jitter**2
@@ -88,9 +92,11 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
     outside = (
         rig.laser.energy_fluctuation > 0,
         rig.laser.jitter_frame_s > 0,
+        rig.laser.jitter_shot_s > 0,  # the mean delay of a slice's pulses scatters
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
-        # The mean above is that of a still rig of points that sees past no screen.
+        bool(halo_of(capture).any()),
+        # The mean above is that of a rig at rest with point-like lens and lamp, and without a screen.
         rig.camera.focus_distance_m is not None or rig.laser.source_radius_m > 0.0,
         rig.motion_m_per_s is not None or rig.screen is not None,
     )
@@ -114,7 +120,7 @@ def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correl
     information = _information(rig, background, float(np.nanmax(amplitude, initial=0.0)) * peak)
     width = max(table.value.size for table in tables)
     value, slope = np.zeros((len(tables), width)), np.zeros((len(tables), width))
-    for row, table in enumerate(tables):  # tables end in zeros, so that padding with zeros extends them
+    for row, table in enumerate(tables):  # tables end in zeros, so that padding with zeros continues them
         value[row, : table.value.size], slope[row, : table.slope.size] = table.value, table.slope
     usable = np.asarray(capture["valid"].values, bool)
     lit = np.asarray(capture["laser_on"].values, bool)
@@ -129,7 +135,7 @@ def _sigma(capture: xr.Dataset, truth: Float, rig: GatedRig, tables: list[correl
 
 
 def _information(rig: GatedRig, background: npt.NDArray[Any], brightest: float) -> tuple[float, float, Float]:
-    """ln J on an even grid of ln μ: (first ln μ, 1/step, values), covering all means of the capture."""
+    """ln J on a uniform grid of ln μ that covers all means of the capture: (first ln μ, 1/step, values)."""
     low = max(float(background.min()), 1e-4)
     high = max(brightest + float(background.max()), 2.0 * low)
     low = min(low, high / 10.0)

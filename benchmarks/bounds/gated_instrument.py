@@ -1,4 +1,4 @@
-"""What the bounds of a range-gated stack read of it: responses, noise, delays and paths of the true rig."""
+"""The inputs of the bounds of a range-gated stack: responses, noise, delays and paths of the true rig."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Float = npt.NDArray[np.float64]
 
 
 def gated_responses(rig: GatedRig, rtol: float) -> list[correlation.Table]:
-    """R(u) of every gate from its closed form, jitter per shot included; `rtol` of R's peak."""
+    """R(u) of every gate from its closed form, including jitter per shot; `rtol`: error relative to the peak of R."""
     pulse = optics_pulse(rig.laser.pulse)
     if rig.laser.jitter_shot_s > 0:
         pulse = waveforms.broadened(pulse, rig.laser.jitter_shot_s)
@@ -31,7 +31,7 @@ def gated_responses(rig: GatedRig, rtol: float) -> list[correlation.Table]:
 
 
 def noise_model(rig: GatedRig) -> NoiseModel:
-    """The likelihood of one sample. Dark electrons are part of the mean μ, unless a tube comes before them."""
+    """The likelihood of one sample. Dark electrons are part of the mean μ, except behind an intensifier."""
     detector, tube = rig.detector, rig.detector.intensifier
     dark = detector.dark_current_e_per_s * detector.exposure_s
     return NoiseModel(
@@ -47,7 +47,7 @@ def noise_model(rig: GatedRig) -> NoiseModel:
 
 
 def light_path(truth: Float, rig: GatedRig) -> tuple[Float, Float]:
-    """Path there and back, m, and its derivative by the range, for every pixel (row, col) of radial range `truth`."""
+    """Path from the laser to the target to the camera, m, and its derivative with respect to the range `truth`, (row, col)."""
     position = np.asarray(rig.laser.position_m, np.float64)
     if not position.any():
         return 2.0 * truth, np.full(truth.shape, 2.0)
@@ -68,13 +68,13 @@ def path_delay(truth: Float, rig: GatedRig, group_index: float) -> tuple[Float, 
 
 
 def true_delay(capture: xr.Dataset, rig: GatedRig) -> Float:
-    """Delays (slice) as the light knows them: `delay` holds the declared t0."""
+    """True delays (slice), s: the coordinate `delay`, with the true t0 in place of the declared one."""
     declared = float(json.loads(capture.attrs["rig"])["t0_s"])
     return np.asarray(capture["delay"].values, np.float64) - declared + rig.t0_s
 
 
 def gate_offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
-    """How much later a pixel's gate opens, s, (row, col)."""
+    """Additional delay of each pixel's gate, s, (row, col)."""
     if rig.gate_map is None:
         return np.broadcast_to(np.float64(0.0), shape)
     from ...optics.correlation.gate_maps import gate_offset_map
@@ -83,7 +83,7 @@ def gate_offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:
 
 
 def halo_of(capture: xr.Dataset) -> Float:
-    """Target light (row, col) that reaches a pixel scattered, in photoelectrons at an open gate; zero where none is told."""
+    """Target light scattered into each pixel, photoelectrons at an open gate, (row, col); zero without `truth_halo`."""
     if "truth_halo" in capture:
         return np.nan_to_num(np.asarray(capture["truth_halo"].values, np.float64))
     return np.zeros(capture["truth_range"].shape)

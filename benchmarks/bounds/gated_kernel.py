@@ -1,4 +1,4 @@
-"""The compiled sum behind `gated_bound`: one pass over slices per pixel, no array of the stack's size."""
+"""The compiled sum of `gated_bound`: one pass over slices per pixel, without arrays of the size of the stack."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def range_sigma(
 
     `halo` (row, col): target light that is part of `background` and moves with the target; `time`: n_g ℓ/c [s];
     `time_slope`: its derivative by the range [s/m]; `background` (slice, row, col) [electron], with `largest` its maximum;
-    `value`, `slope` (gate, node): tables of R; `log_information`: ln J on an even grid of ln μ.
+    `value`, `slope` (gate, node): tables of R; `log_information`: ln J on a uniform grid of ln μ.
     """
     rows, cols = truth.shape
     slices = delay.size
@@ -52,7 +52,9 @@ def range_sigma(
                         * hermite_slope(start[g], inv_step[g], value[g], slope[g], u)
                     )
                     mu += alpha * r
-                shape = still / largest if largest > 0.0 else 1.0
+                # A background of exactly 0 is at the end of what can be: nothing is lost by not knowing it.
+                # Beside a halo what stands still cannot be told from the halo's late tail: it is taken as known.
+                shape = still / largest if largest > 0.0 and halo[i, j] == 0.0 else 0.0
                 if mu <= 0.0 and r <= 0.0:
                     continue
                 x = (math.log(max(mu, 1e-300)) - log_mu0) * log_inv_step
@@ -66,7 +68,7 @@ def range_sigma(
                 f11 += info * r * r
                 f12 += info * r * shape
                 f22 += info * shape * shape
-            # Schur complement of (amplitude, background); without background there is nothing to profile there.
+            # Schur complement of (amplitude, background); without background only the amplitude is profiled.
             left = f00
             if f22 > 0.0:
                 left -= f02 * f02 / f22
@@ -74,7 +76,7 @@ def range_sigma(
                 own = f11 - f12 * f12 / f22
             else:
                 cross, own = f01, f11
-            # A slice or two cannot tell range, amplitude and background apart: rounding must not pretend it.
+            # One or two slices cannot separate range, amplitude and background; without this test rounding errors would seem to.
             if own > 1e-12 * f11:
                 left -= cross * cross / own
             elif cross * cross > 0.0:

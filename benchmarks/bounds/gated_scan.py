@@ -1,4 +1,4 @@
-"""The threshold of a gated stack: mean signals of its slices over a window of delays."""
+"""Scan of a gated stack: mean signals of its slices over a window of delays."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Float = npt.NDArray[np.float64]
 
 
 def gated_scan(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
-    """Scan and elements of a generated stack. Raises InputError where it lacks amplitude or background."""
+    """Scan and elements of a generated stack. Raises InputError if it lacks true amplitude or background."""
     need_truth(capture, "truth_amplitude", "truth_background")
     rig = gated_rig(scene)
-    # 1e-4 of its peak is enough for a ratio of bounds.
+    # An error of 1e-4 of the peak is small enough for a ratio of bounds.
     tables = gated_responses(rig, 1e-4)
     used = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
     if not used.any():

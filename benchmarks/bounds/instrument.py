@@ -1,7 +1,7 @@
-"""What the bounds of every modality read of a capture: its true scene, the width of a response, the scales of failure.
+"""The inputs of the bounds of every modality: the true scene, the width of a response, the scales of failure.
 
-Bounds are those of the scene as it truly is, not as it is declared. A capture that was recorded has no such scene: it has
-no bound either, and the scales of failure and prior come from the rig as declared (`unbounded`).
+Bounds are computed from the true scene, not from the declared rig. A recorded capture has no true scene, and so no bound; its
+scales of failure and prior follow from the declared rig (`unbounded`).
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ Float = npt.NDArray[np.float64]
 
 
 def true_scene(capture: xr.Dataset) -> Scene:
-    """The scene that the capture was really generated from. Raises InputError where the capture does not tell."""
+    """The scene that the capture was generated from. Raises InputError if the capture does not state it."""
     text = capture.attrs.get("truth_scene")
     if not isinstance(text, str):
-        raise InputError("The capture does not tell its true scene.", where="attribute truth_scene")
+        raise InputError("The capture does not state its true scene.", where="attribute truth_scene")
     return validate_spec(Scene, json.loads(text), "truth_scene")
 
 
 def bounded(capture: xr.Dataset, *truth: str) -> bool:
-    """Whether a capture tells what its bound is made of: the true scene, and the truth named."""
+    """Whether a capture holds the inputs of its bound: the true scene, and the variables `truth`."""
     return isinstance(capture.attrs.get("truth_scene"), str) and all(name in capture for name in truth)
 
 
 def _declared(capture: xr.Dataset) -> dict[str, Any]:
-    """The rig as declared. Raises InputError where it is no table of values."""
+    """The declared rig. Raises InputError if it is not a table of values."""
     text = capture.attrs.get("rig")
     try:
         rig = json.loads(text) if isinstance(text, str) else None
@@ -52,17 +52,19 @@ def _declared(capture: xr.Dataset) -> dict[str, Any]:
 
 
 def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[float, float]]) -> Bound:
-    """The `Bound` of a capture that asserts none: kind "none", NaN for every element.
+    """The `Bound` of a capture without one: kind "none", NaN for every element.
 
     Main arguments:
-        scales: declared rig -> (scale, window). Raises InputError where the rig declares less than that takes.
+        scales: declared rig -> (scale, window) in the unit of the quantity.
+
+    Raises InputError if the declared rig lacks a required value.
     """
     rig = _declared(capture)
     try:
         scale, window = scales(rig)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(
-            "The declared rig does not tell the scale of failure.", where="attribute rig",
+            "The declared rig does not state the scale of failure.", where="attribute rig",
             value=f"{type(error).__name__}: {error}",
             next_step="declare pulse, gates and medium as `beambench generate` does",
         ) from error  # fmt: skip
@@ -75,7 +77,7 @@ def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[floa
 
 
 def response_std_s(tables: list[correlation.Table]) -> float:
-    """σ_R: the largest standard deviation of R(u), as a density, over the gates."""
+    """σ_R: the largest standard deviation of R(u) as a density, over the gates, s."""
     widths = []
     for table in tables:
         u = table.start_s + table.step_s * np.arange(table.value.size)
@@ -86,7 +88,7 @@ def response_std_s(tables: list[correlation.Table]) -> float:
 
 
 def samples_variance_s2(samples: Mapping[str, Any]) -> float:
-    """Variance [s²] of a declared waveform as a density: samples a step apart, straight lines between them (step²/6)."""
+    """Variance [s²] of a declared waveform as a density: uniform samples with linear interpolation, which adds step²/6."""
     value, step = np.asarray(samples["value"], np.float64), float(samples["step_s"])
     t = step * np.arange(value.size)
     mean = float((value * t).sum() / value.sum())
@@ -94,6 +96,6 @@ def samples_variance_s2(samples: Mapping[str, Any]) -> float:
 
 
 def response_centroid_s(table: correlation.Table) -> float:
-    """The mean of R(u), as a density."""
+    """The mean of R(u) as a density, s."""
     u = table.start_s + table.step_s * np.arange(table.value.size)
     return float((table.value * u).sum() / table.value.sum())

@@ -1,4 +1,4 @@
-"""The bound of one parameter with the others unknown, from a Fisher matrix per element."""
+"""The bound of one parameter while the others are unknown, from the Fisher matrix of each element."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ Float = npt.NDArray[np.float64]
 
 
 def profiled_sigma(information: Float, gradient: Float) -> Float:
-    """√(F⁻¹)₀₀ (shot) of F = Σ_k J_k a_k a_kᵀ; infinite where F has no inverse.
+    """√(F⁻¹)₀₀ (shot) of F = Σ_k J_k a_k a_kᵀ; infinite if F has no inverse.
 
     Main arguments:
-        information (shot, sample), gradient (parameter, shot, sample): the first parameter is the wanted one.
+        information (shot, sample), gradient (parameter, shot, sample): σ is that of the first parameter.
     """
     f = np.einsum("psk,qsk,sk->spq", gradient, gradient, information)
     # Scaled to a unit diagonal first: the parameters differ by many orders.

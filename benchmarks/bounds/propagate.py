@@ -1,8 +1,8 @@
-"""Covariance, and so bounds, carried through the stages of a chain.
+"""Propagate covariances, and so bounds, through the stages of a chain.
 
-A stage y = f(x) turns a covariance C of x into J C Jᵀ + Q, J = ∂f/∂x, Q what the stage adds by itself. If C is a
-Cramér-Rao bound of x then J C Jᵀ is that of y: a chain of stages, each at its bound, is judged by the propagated one,
-and a stage alone by Q. First order in the error; `nonlinearity` tells where that does not do.
+A stage y = f(x) transforms a covariance C of x into J C Jᵀ + Q, with J = ∂f/∂x and Q the covariance that the stage adds. If C
+is a Cramér-Rao bound of x, then J C Jᵀ is that of y: a chain of stages, each at its bound, is compared with the propagated
+bound, and a single stage with Q. This is first order in the error; `nonlinearity` shows where that is not sufficient.
 
 Source: C. R. Rao, Linear Statistical Inference and its Applications, 1973, sec. 5a and 6a (delta method).
 """
@@ -26,9 +26,9 @@ class Stage:
     """One step of a chain, for a batch of elements: x (…, n) -> y (…, m).
 
     Main arguments:
-        function: f. jacobian: x -> J (…, m, n); None takes differences, with the step of each input's standard error.
+        function: f. jacobian: x -> J (…, m, n); None: by differences, with the standard error of each input as step.
     Other arguments:
-        own: x -> Q (…, m, m), the covariance that the stage adds; None adds nothing.
+        own: x -> Q (…, m, m), the covariance that the stage adds; None: zero.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Propagated:
-    """What a stage gave: y (…, m), its covariance (…, m, m), the share of its variance that it added itself (…, m), and
+    """Result of a stage: y (…, m), its covariance (…, m, m), the fraction of its variance that the stage added (…, m), and
     its `nonlinearity` (…, m)."""
 
     name: str
@@ -57,8 +57,8 @@ class Propagated:
 def carry(covariance: npt.ArrayLike, jacobian: npt.ArrayLike) -> Float:
     """J C Jᵀ (…, m, m) from C (…, n, n) and J (…, m, n), symmetric to the last bit.
 
-    An infinite variance (an input of which nothing is known) stays infinite in every output that depends on it, and
-    does not turn those into NaN that do not.
+    An infinite variance (an unknown input) makes the variance of every output that depends on it infinite; outputs that do
+    not depend on it remain finite.
     """
     c, j = np.asarray(covariance, np.float64), np.asarray(jacobian, np.float64)
     unknown = np.asarray(np.isinf(np.diagonal(c, axis1=-2, axis2=-1)))
@@ -74,9 +74,9 @@ def carry(covariance: npt.ArrayLike, jacobian: npt.ArrayLike) -> Float:
 
 
 def numerical_jacobian(function: Function, x: npt.ArrayLike, step: npt.ArrayLike) -> Float:
-    """J (…, m, n) of f at x (…, n) by central differences of steps `step` (…, n) and half of it, extrapolated.
+    """J (…, m, n) of f at x (…, n) by central differences with steps `step` (…, n) and `step`/2, extrapolated.
 
-    Error O(step⁴). Elements are independent: one call of f serves a whole batch.
+    Error O(step⁴). Elements are independent: one call of f evaluates a whole batch.
     """
     at = np.asarray(x, np.float64)
     h = np.broadcast_to(np.asarray(step, np.float64), at.shape)
@@ -93,10 +93,10 @@ def numerical_jacobian(function: Function, x: npt.ArrayLike, step: npt.ArrayLike
 
 
 def nonlinearity(function: Function, x: npt.ArrayLike, covariance: npt.ArrayLike) -> Float:
-    """Bias of f at second order over the standard error at first, (…, m); first order serves below about .1.
+    """Second-order bias of f over its first-order standard error, (…, m); first order is sufficient below about .1.
 
-    ½ Σ over principal axes a of C of [f(x + a) + f(x − a) − 2f(x)] over √diag(J C Jᵀ), the latter by the same points.
-    Where y is known exactly (no spread) it is 0 if the bias is too, else infinite. NaN where C is not finite.
+    ½ Σ over principal axes a of C of [f(x + a) + f(x − a) − 2f(x)] over √diag(J C Jᵀ), the latter from the same points.
+    If y is known exactly (no spread), the result is 0 without bias, otherwise infinite. NaN where C is not finite.
     """
     at, c = np.asarray(x, np.float64), np.asarray(covariance, np.float64)
     finite = np.asarray(np.isfinite(c).all(axis=(-2, -1)))
@@ -114,11 +114,11 @@ def nonlinearity(function: Function, x: npt.ArrayLike, covariance: npt.ArrayLike
 
 
 def chain(stages: Sequence[Stage], x: npt.ArrayLike, covariance: npt.ArrayLike) -> list[Propagated]:
-    """Carry a covariance through stages in order; one result per stage.
+    """Propagate a covariance through stages in order; one result per stage.
 
     Main arguments:
-        x (…, n) and its covariance (…, n, n), e.g. the Cramér-Rao bound of what the first stage reads.
-    Raises ValueError where a stage's Jacobian does not fit its input and output.
+        x (…, n) and its covariance (…, n, n), e.g. the Cramér-Rao bound of the input of the first stage.
+    Raises ValueError if the Jacobian of a stage does not fit its input and output.
     """
     value, spread = np.asarray(x, np.float64), np.asarray(covariance, np.float64)
     results = []
@@ -128,7 +128,7 @@ def chain(stages: Sequence[Stage], x: npt.ArrayLike, covariance: npt.ArrayLike) 
             jacobian = np.asarray(stage.jacobian(value), np.float64)
         else:
             error = np.sqrt(np.diagonal(spread, axis1=-2, axis2=-1))
-            # A step of the input's own error, but no finer than rounding allows.
+            # The step is the error of the input, but not finer than rounding allows.
             least = 1e-6 * np.maximum(np.abs(value), 1e-12)
             jacobian = numerical_jacobian(
                 stage.function, value, np.maximum(np.where(np.isfinite(error), error, 0.0), least)

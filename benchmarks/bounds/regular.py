@@ -1,10 +1,9 @@
-"""Which elements of a capture are regular, decided from rig and truth before anything is estimated, and the bound of
-those that are not.
+"""The regular elements of a capture, which depend on rig and truth only, not on any estimate; the bound of irregular ones.
 
-An element is regular where its Cramér-Rao bound is what an estimator can reach: the Ziv-Zakai bound at its delay within
-1.05 of it on either side, and wrong cells adding less than that (`ziv_zakai.LocalBound.regular`). Amplitude and
-background are taken as known; profiling them moves the threshold little (for echoes apart the test is the same) and the
-edges of the window much, where the Cramér-Rao bound itself tells it.
+An element is regular if an estimator can reach its Cramér-Rao bound: the Ziv-Zakai bound at its delay is within a factor of
+1.05 of it, and wrong cells add less than that (`ziv_zakai.LocalBound.regular`). Amplitude and background are taken as known.
+Profiling them changes the threshold little (for separate echoes the test is the same), but it changes the edges of the window
+much; there the Cramér-Rao bound itself shows it.
 """
 
 from __future__ import annotations
@@ -26,10 +25,10 @@ Form = Literal["ziv-zakai", "bayes"]
 
 
 def regular(scan: Scan, elements: Elements, table: ThresholdTable | None = None) -> Bool:
-    """Per element: True where its Cramér-Rao bound may be asserted; elements without truth are False.
+    """Flags of the elements: True if the Cramér-Rao bound can be reached; False without truth.
 
     Other arguments:
-        table: of the scan; looked up if not given.
+        table: the table of the scan; by default that of `table_of`.
     """
     return (table or table_of(scan)).regular(elements.delay_s, elements.amplitude, elements.level)
 
@@ -43,18 +42,18 @@ def with_threshold(
     *,
     form: Form = "bayes",
 ) -> Bound:
-    """`bound` with another one in elements that are not regular.
+    """`bound`, replaced in irregular elements.
 
     Main arguments:
-        bound: the Cramér-Rao bound of the capture. scan, elements: of the same capture. mixed: elements with several true
-        values. table: as for `regular`.
+        bound: the Cramér-Rao bound of the capture. scan, elements: scan and elements of the same capture. mixed: flags of
+        elements with several true values. table: as for `regular`.
     Other arguments:
-        form: "ziv-zakai", ε(θ)·c/2n_g: milliseconds, and up to half too low in the threshold region of a wide window; or
-        "bayes", the rms error of the posterior mean on stacks from about there, uniform prior (`bayes.posterior_square`).
-    The kind becomes `form` where any unmixed element with a truth is irregular: a mean over regular and irregular ones
-    asserts no more than its weakest part. Neither form exceeds the prior's error. Both bound the mean square over delays
-    of the window, not a single element: a scene that sits where the window is best may do better. An echo outside the
-    window keeps its Cramér-Rao bound, at most the prior's error.
+        form: "ziv-zakai", ε(θ)·c/2n_g: takes milliseconds, and is up to half too low in the threshold region of a wide window;
+        or "bayes", the rms error of the posterior mean for delays near θ, with a uniform prior (`bayes.posterior_square`).
+    The kind becomes `form` if any unmixed element with truth is irregular, because a mean over regular and irregular elements
+    is only as strong as its weakest part. Neither form exceeds the prior's error. Both bound the mean square over the delays
+    of the window, not a single element, so that a scene in the best part of the window may have a smaller error. An echo
+    outside the window keeps its Cramér-Rao bound, limited to the prior's error.
     """
     table = table or table_of(scan)
     other = ~np.isnan(bound.sigma) & ~regular(scan, elements, table)
@@ -66,7 +65,7 @@ def with_threshold(
     delay = np.where(inside, elements.delay_s, np.nan)
     look = table.bayes_s if form == "bayes" else table.epsilon_s
     found = look(delay, elements.amplitude, elements.level) * elements.scale_m_per_s
-    # fmin: elements outside the window, or without any light, have what is left of the Cramér-Rao bound, and the prior.
+    # fmin: elements outside the window or without light have the smaller one of Cramér-Rao bound and prior.
     replaced = np.fmin(np.where(np.isnan(found), bound.sigma, found), bound.prior)
     kind = form if (other & ~mixed).any() else bound.kind
     return replace(bound, sigma=np.where(other, replaced, bound.sigma), kind=kind)

@@ -1,9 +1,9 @@
-"""The threshold of a rig, tabulated: over delay, amplitude and background, how far a bound is from the Cramér-Rao bound.
+"""Tables of the threshold of a rig: the ratio of a bound to the Cramér-Rao bound over delay, amplitude and background.
 
-Nodes lie on fixed multiples of .25 in ln α and .35 in ln β, so that a value does not depend on what else was looked up,
-and are filled when first needed; the tables of the last rigs are kept, so that the levels of a suite share them. A node
-costs some milliseconds (Ziv-Zakai), or some tenths of a second where the Bayesian bound is simulated, which is done
-only next to elements that are not regular.
+Nodes lie at fixed multiples of .25 in ln α and .35 in ln β, so that a value does not depend on earlier lookups. They are
+computed when first needed, and the tables of the last rigs are kept, so that the levels of a suite share them. A node takes
+some milliseconds (Ziv-Zakai), or some tenths of a second if the Bayesian bound is simulated, which is done only next to
+irregular elements.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Float = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
-_AMPLITUDE_STEP = 0.25  # of ln α: the threshold is some 1.5 wide
+_AMPLITUDE_STEP = 0.25  # in ln α: the threshold is about 1.5 wide
 _BACKGROUND_STEP = 0.35
-_DARK = -(10**6)  # the node without any background
-_FAINTEST = 1e-2  # photoelectrons over all samples: as good as none
-_BAYES_PER_WIDTH = 16.0  # and at least three delays to a Cramér-Rao bound: the grid must resolve the posterior …
+_DARK = -(10**6)  # index of the node without any background
+_FAINTEST = 1e-2  # photoelectrons over all samples, equivalent to none
+_BAYES_PER_WIDTH = 16.0  # and at least three delays per Cramér-Rao bound, as the grid must resolve the posterior …
 _BAYES_DELAYS = 20_000  # … up to this many
 _BAYES_CELLS = 8_000_000
-_LEAST = 1e-3  # excess of the mean square error that simulation does not tell from none
+_LEAST = 1e-3  # least relative excess of the mean square error that the simulation resolves
 _KEPT = 8
 _kept: OrderedDict[str, ThresholdTable] = OrderedDict()
 
 
 @dataclass(frozen=True)
 class _Node:
-    """Over the scan's grid: `LocalBound.worst`, ln of maximum likelihood's predicted excess, and of ε [s]; the median
+    """Over the scan's grid: `LocalBound.worst`, ln of the predicted excess of maximum likelihood, ln of ε [s]; the median
     Cramér-Rao bound [s]."""
 
     worst: Float
@@ -50,8 +50,8 @@ class _Node:
 
 
 class ThresholdTable:
-    """Linear look-up between nodes; delays beyond what was searched have the nearest value, and are never regular where
-    they lie outside the window."""
+    """Linear interpolation between nodes. Delays outside the searched part have the nearest value; those outside the window
+    are never regular."""
 
     def __init__(self, scan: Scan) -> None:
         self.scan = scan
@@ -64,7 +64,7 @@ class ThresholdTable:
         self._lowest = math.floor(math.log(_FAINTEST / light) / _AMPLITUDE_STEP)
 
     def regular(self, delay_s: npt.ArrayLike, amplitude: npt.ArrayLike, background: npt.ArrayLike) -> Bool:
-        """Whether delays (of the light there and back, s) are regular at these amplitudes and mean backgrounds."""
+        """Whether delays (of the light from laser to target to camera, s) are regular at these amplitudes and mean backgrounds."""
         worst = self._look("worst", delay_s, amplitude, background)
         excess = self._look("log_excess", delay_s, amplitude, background)
         low, high = self.scan.window_s
@@ -74,12 +74,12 @@ class ThresholdTable:
         return np.asarray(inside & (worst <= math.log(REGULAR)) & (excess <= math.log(REACHED)))
 
     def epsilon_s(self, delay_s: npt.ArrayLike, amplitude: npt.ArrayLike, background: npt.ArrayLike) -> Float:
-        """ε(θ), s: its mean square over delays is the Ziv-Zakai bound."""
+        """ε(θ), s, whose mean square over delays is the squared Ziv-Zakai bound."""
         return np.exp(self._look("log_epsilon_s", delay_s, amplitude, background))
 
     def bayes_s(self, delay_s: npt.ArrayLike, amplitude: npt.ArrayLike, background: npt.ArrayLike) -> Float:
-        """√E[(E[θ|y] − θ)²] of stacks whose true delay θ is near, s: its mean square over delays is the least mean square error.
-        It is ε(θ), raised to that by what wrong cells add in a few parts of the window, finer at its ends."""
+        """√E[(E[θ|y] − θ)²] for true delays near θ, s, whose mean square over delays is the least mean square error. It is ε(θ)
+        times a factor for wrong cells, which is simulated in a few parts of the window, shorter ones at its ends."""
         wrong = np.exp(self._look("log_wrong", delay_s, amplitude, background))
         return self.epsilon_s(delay_s, amplitude, background) * np.sqrt(1.0 + wrong)
 
@@ -101,14 +101,14 @@ class ThresholdTable:
             some = np.flatnonzero(weight > 0)
             pairs, which = np.unique(np.stack([i[some] + di, j[some] + dj]), axis=1, return_inverse=True)
             for number, (ia, ib) in enumerate(pairs.T):
-                mine = some[which.ravel() == number]
-                total[mine] += weight[mine] * self._value(field, int(ia), int(ib), theta[mine])
+                its = some[which.ravel() == number]
+                total[its] += weight[its] * self._value(field, int(ia), int(ib), theta[its])
         out[keep] = total
         return out.reshape(delay.shape)
 
     def _value(self, field: str, ia: int, ib: int, theta: Float) -> Float:
         if field == "log_wrong":
-            # ln of the excess falls with the light a little faster than straight lines do: between nodes a bound stays one.
+            # ln of the excess falls a little faster than linearly with the light: between nodes the bound remains valid.
             return np.asarray(np.interp(theta, *self._wrong(ia, ib)), np.float64)
         return np.asarray(np.interp(theta, self.delay_s, getattr(self._node(ia, ib), field)), np.float64)
 
@@ -127,7 +127,7 @@ class ThresholdTable:
             found = local_bound(mu, root, step, self.scan.width_s, self._arc, curvature(mu, first, second, j))
             with np.errstate(divide="ignore"):
                 excess = np.log(found.excess)
-            # Where there is no information at all these are infinite: a large number keeps lookups finite and irregular.
+            # Without any information these are infinite; a large number keeps lookups finite, and the elements irregular.
             self._nodes[ia, ib] = _Node(
                 np.minimum(found.worst, 50.0),
                 np.clip(np.nan_to_num(excess, nan=50.0), 0.0, 50.0),
@@ -137,7 +137,7 @@ class ThresholdTable:
         return self._nodes[ia, ib]
 
     def _wrong(self, ia: int, ib: int) -> tuple[Float, Float]:
-        """Middles of parts of the window [s], and there ln(mean (E[θ|y] − θ)²/mean ε² − 1), at least ln 10⁻³."""
+        """Middles of parts of the window [s], and ln(mean (E[θ|y] − θ)²/mean ε² − 1) there, at least ln 10⁻³."""
         if (ia, ib) not in self._excess:
             node = self._node(ia, ib)
             per_width = max(_BAYES_PER_WIDTH, 3.0 * self.scan.width_s / max(node.crb_s, 1e-300))
@@ -158,7 +158,8 @@ class ThresholdTable:
 
 
 def _parts(points: int, width: float) -> Int:
-    """Indices that part a grid: .75 widths at both ends, twice as wide from three widths inwards on."""
+    """Indices that divide a grid into parts: .75 widths long at both ends; from three widths inwards
+    each part is twice as long as the one before."""
     ends = [0.75 * width * k for k in range(5)]
     while ends[-1] < 0.5 * points:
         ends.append(ends[-1] + 2.0 * (ends[-1] - ends[-2]))
@@ -174,7 +175,7 @@ def _table(scan: Scan):  # type: ignore[no-untyped-def]
 
 
 def _place(x: Float, lowest: int) -> tuple[Int, Float]:
-    """Node below x and the fraction to the next; never below `lowest`."""
+    """The node below x, but not below `lowest`, and the fraction of the step to the next."""
     x = np.maximum(x, lowest)
     i = np.floor(x)
     return i.astype(np.int64), x - i

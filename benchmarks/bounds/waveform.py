@@ -26,7 +26,9 @@ from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
+from ...scenes.scene import Scene
 from ..scores.truth import Bound
+from .footprint import footprint_std_s, is_wide
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
 from .profiled import profiled_sigma
 
@@ -35,6 +37,7 @@ __all__ = ["analog_noise", "waveform_bound"]
 Float = npt.NDArray[np.float64]
 
 _RTOL = 3e-6
+_LEAST_MEAN = 1e-6
 
 
 def analog_noise(readout: AnalogReadout) -> NoiseModel:
@@ -52,9 +55,14 @@ def analog_noise(readout: AnalogReadout) -> NoiseModel:
 
 
 def waveform_bound(capture: xr.Dataset) -> Bound:
-    """The bound of every shot of a generated waveform capture. `kind` is "exact", or "quasi" where energy or timing
-    fluctuate per shot. Without true scene, amplitude and background it is "none", with scales from the declared rig.
-    Raises InputError for a true scene that is none, or a rig that does not declare what is needed."""
+    """The bound of every shot of a generated waveform capture.
+
+    `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses, or if
+    the footprint of any shot spreads its echo by more than a tenth of the response. Without true scene, amplitude or
+    background it is "none", with scales from the declared rig.
+
+    Raises InputError for an invalid true scene, or for a declared rig that lacks a required value.
+    """
     if not bounded(capture, "truth_amplitude", "truth_background"):
         return unbounded(capture, lambda rig: _declared_scales(capture, rig))
     scene = true_scene(capture)
@@ -75,12 +83,21 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     mean = np.maximum(amplitude * share + background, 0.0)
     gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
     sigma = profiled_sigma(_information(rig, mean), gradient)
-    kind = "quasi" if rig.laser.energy_fluctuation > 0 or rig.laser.jitter_shot_s > 0 else "exact"
+    laser = rig.laser
+    drawn = max(laser.energy_fluctuation, laser.jitter_shot_s, laser.jitter_pulse_s) > 0
+    kind = "quasi" if drawn or _is_wide(scene, rig, scale / half) else "exact"
     return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, scale, window)
 
 
+def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:
+    field = math.atan2(0.5 * rig.detector.active_diameter_m, rig.receiver.focal_length_m)
+    reach = rig.record.scan_half_angle_rad
+    angle = np.linspace(-reach, reach, rig.record.shots) if rig.record.shots > 1 else np.zeros(1)
+    return is_wide(footprint_std_s(scene, rig.laser.illumination, rig.laser.wavelength_m, field, angle), response_s)
+
+
 def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
-    """(scale, window) of the declared response, seen through one sampling interval."""
+    """(scale, window) of the declared response, averaged over one sampling interval."""
     half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
     step = float(rig["record"]["step_s"])
     time = np.asarray(capture["time"].values, np.float64)
@@ -89,7 +106,7 @@ def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, f
 
 
 def _share(table: Table, u: Float) -> tuple[Float, Float]:
-    """R(u) and R'(u); the slope by differences of the cubic, 1e-3 of the table's step apart."""
+    """R(u) and R'(u); the slope by differences of the cubic at a distance of 1e-3 of the table's step."""
     small = 1e-3 * table.step_s
     value = np.asarray(lookup(table, u), np.float64)
     ahead, behind = np.asarray(lookup(table, u + small)), np.asarray(lookup(table, u - small))
@@ -97,10 +114,11 @@ def _share(table: Table, u: Float) -> tuple[Float, Float]:
 
 
 def _information(rig: WaveformRig, mean: Float) -> Float:
-    """J (shot, sample) about the mean of a shot's samples."""
+    """J (shot, sample) of the means of a shot's samples."""
     readout = rig.detector.readout
     if isinstance(readout, SinglePhotonReadout):
-        rate = mean / rig.pulses_per_shot
+        # Without any light J is infinite: below a mean of 1e-6 the error of the background has no effect.
+        rate = np.maximum(mean, _LEAST_MEAN) / rig.pulses_per_shot
         dead = pile_up.dead_bins(readout.dead_time_s, rig.record.step_s, rig.record.samples)
         _, live = pile_up.expected_counts(rate, rig.pulses_per_shot, dead)
         return pile_up.count_information(rate, live) / rig.pulses_per_shot**2

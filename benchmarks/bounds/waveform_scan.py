@@ -1,4 +1,4 @@
-"""The threshold of a recorded pulse: mean signals of its samples over a window of delays."""
+"""Scan of a recorded pulse: mean signals of its samples over a window of delays."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Float = npt.NDArray[np.float64]
 
 
 def waveform_scan(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
-    """Scan and elements of a generated record. Raises InputError where it lacks amplitude or background."""
+    """Scan and elements of a generated record. Raises InputError if it lacks true amplitude or background."""
     need_truth(capture, "truth_amplitude", "truth_background")
     rig = waveform_rig(scene)
     pulse, lag = shown_pulse(rig)

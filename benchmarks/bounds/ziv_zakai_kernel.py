@@ -1,4 +1,4 @@
-"""The compiled sums behind `ziv_zakai.local_bound`: ∫ h Q(d(h)/2) dh over both sides of every delay."""
+"""The compiled sums of `ziv_zakai.local_bound`: ∫ h Q(d(h)/2) dh over both sides of every delay."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _ROOT2PI = math.sqrt(2.0 * math.pi)
 
 @kernel
 def _piece(h0: float, h1: float, x0: float, x1: float) -> float:
-    """∫ h Q(x(h)) dh over [h0, h1], x straight from x0 to x1. Closed form: ∫Q = xQ − φ, ∫xQ = ½(x²Q − xφ − Q)."""
+    """∫ h Q(x(h)) dh over [h0, h1], with x linear from x0 to x1. Closed form: ∫Q = xQ − φ, ∫xQ = ½(x²Q − xφ − Q)."""
     if x0 > 8.5 and x1 > 8.5:
         return 0.0
     q0, q1 = 0.5 * math.erfc(x0 / _ROOT2), 0.5 * math.erfc(x1 / _ROOT2)
-    if abs(x1 - x0) < 1e-3:  # the closed form would subtract equals
+    if abs(x1 - x0) < 1e-3:  # the closed form would subtract nearly equal numbers
         return 0.5 * (h1 - h0) * (h0 * q0 + h1 * q1)
     p0, p1 = math.exp(-0.5 * x0 * x0) / _ROOT2PI, math.exp(-0.5 * x1 * x1) / _ROOT2PI
     c = (x1 - x0) / (h1 - h0)
@@ -55,7 +55,7 @@ def local_sums(distance: Any, slope: Any, step: float, width: float) -> Any:
                 x1 = 0.5 * distance[i, i + side * j]
                 total += _piece(h0, h1, x0, x1)
                 if h0 >= 2.0 * width and x0 < 8.5:
-                    # One wrong answer per cell of a width, at its likeliest: lobes are narrower than cells (phases).
+                    # One wrong decision per cell of one width, the most probable one, as lobes are narrower than cells (phases).
                     here = int((h0 - 2.0 * width) / width)
                     if here != cell:
                         far, cell, worst = far + worst, here, 0.0
@@ -64,7 +64,7 @@ def local_sums(distance: Any, slope: Any, step: float, width: float) -> Any:
             epsilon2[i] += 0.5 * total
             far2[i] += far + worst
             if side > 0:
-                for j in range(last + 1):  # the pair of both ends alone spans no delays
+                for j in range(last + 1):  # the pair of both ends spans no delays
                     if j == n - 1:
                         break
                     weight = 0.5 if i == 0 or j == last else 1.0

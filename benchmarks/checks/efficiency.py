@@ -48,7 +48,7 @@ COLUMNS = (
 LIKELIHOOD = ("poisson-ml", "poisson-ml-backscatter", "poisson-ml-two-returns")
 #: All estimators for any gated stack; `range-intensity-correlation` needs two slices, `learned` its training.
 REGISTRY = (
-    "chua-2016", "chua-2017", "chua-2017-orthogonal", "constant-fraction", "gaussian-least-squares", "log-gaussian",
+    "radiometric-average", "chua-2017", "chua-2017-orthogonal", "constant-fraction", "gaussian-least-squares", "log-gaussian",
     "matched-filter", "parabola", "peak", *LIKELIHOOD, "threshold", "weighted-average",
     "weighted-average[background=outside]",
 )  # fmt: skip

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from ...estimators.labels import parse_label, split_label
 from ...scenes.errors import InputError
+from ...scenes.forks import refuse_forked
 
 if TYPE_CHECKING:
     from ...captures import CaptureSet
     from ...captures.estimates import Estimates
 
-__all__ = ["score_store"]
+__all__ = ["scene_name", "score_store"]
 
 
 def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[dict[str, Any]]:
@@ -28,6 +29,7 @@ def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[d
     Raises:
         InputError: No store, no truth, no estimates, estimates that do not fit, or two with the same label.
     """
+    refuse_forked()
     from ...captures import open_captures
     from ...captures.estimates import list_estimates, read_estimates
     from ...captures.sizes import sizes_of
@@ -84,7 +86,7 @@ def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, An
     name, params = split_label(table.label)
     return {
         "suite": captures.path.name,
-        "scene": _scene_name(attrs, index),
+        "scene": scene_name(attrs, index),
         "stress": "none",
         "level": math.nan,
         "stress2": "none",
@@ -96,7 +98,8 @@ def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, An
     }
 
 
-def _scene_name(attrs: dict[str, Any], index: int) -> str:
+def scene_name(attrs: dict[str, Any], index: int) -> str:
+    """Name of a capture's true scene; "capture-<index>" where it tells none."""
     text = attrs.get("truth_scene")
     scene = json.loads(text) if isinstance(text, str) else None
     return str(scene["name"]) if isinstance(scene, dict) and "name" in scene else f"capture-{index}"

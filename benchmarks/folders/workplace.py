@@ -17,6 +17,7 @@ from pathlib import Path
 
 from ...captures.store.journal import fsync_path
 from ...scenes.errors import InputError
+from ...scenes.places import local_path
 from .kinds import Kind, verb_in
 
 __all__ = ["UNFINISHED", "locked", "output_folder", "refuse_inputs", "refuse_place", "workplace"]
@@ -34,12 +35,14 @@ def output_folder(out: str | Path | None, name: str, *, resume: bool, overwrite:
     from .journal import default_folder
 
     if resume and overwrite:
-        raise InputError("--resume and --overwrite exclude each other.", where="--resume", allowed="one of them")
+        raise InputError(
+            "The options --resume and --overwrite exclude each other.", where="--resume", allowed="one of them"
+        )
     if out is not None:
-        return Path(out).expanduser()
+        return local_path(out)
     if resume:
         raise InputError(
-            "--resume needs the folder of the earlier output.", where="--out", next_step="add --out FOLDER"
+            "The option --resume needs the folder of the earlier output.", where="--out", next_step="add --out FOLDER"
         )
     return default_folder(name)
 

@@ -1,4 +1,4 @@
-"""How captures of amplitude-modulated rangers are judged. Their rig declares no waveform: a calibration changes nothing."""
+"""The judge of amplitude-modulated rangers. Their rig declares no waveform, so that a calibration changes nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Truth and bounds of a capture of any modality that is scored."""
+"""Truth and bounds of captures of every scored modality."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def truths_of(capture: xr.Dataset) -> Mapping[str, Truth]:
 
 
 def truth_of(capture: xr.Dataset) -> Truth:
-    """The truth of the quantity that is scored first. Raises InputError as `truths_of`."""
+    """The truth of the main quantity. Raises InputError as `truths_of`."""
     return truths_of(capture)[_first(capture)]
 
 
 def bounds_of(capture: xr.Dataset) -> Mapping[str, Bound]:
-    """The bound of every quantity: Cramér-Rao, kind "exact" or "quasi", where all elements are regular; else with the
-    Bayesian bound in those that are not, kind "bayes". Decided from rig and truth, before anything is estimated.
+    """The bound of every quantity: if all elements are regular, Cramér-Rao with kind "exact" or "quasi"; otherwise the
+    Bayesian bound in the irregular ones, kind "bayes". Depends on rig and truth only, not on any estimate.
 
     Raises InputError for a modality that is not scored.
     """
@@ -48,12 +48,12 @@ def bounds_of(capture: xr.Dataset) -> Mapping[str, Bound]:
 
 
 def bound_of(capture: xr.Dataset) -> Bound:
-    """The bound of the quantity that is scored first. Raises InputError as `bounds_of`."""
+    """The bound of the main quantity. Raises InputError as `bounds_of`."""
     return bounds_of(capture)[_first(capture)]
 
 
 def cramer_rao_bound(capture: xr.Dataset) -> Bound:
-    """The Cramér-Rao bound of the quantity that is scored first, regular or not. Raises InputError as `bounds_of`."""
+    """The Cramér-Rao bound of the main quantity, for regular and irregular elements. Raises InputError as `bounds_of`."""
     return judge_of(capture.attrs.get("modality")).bound(capture)[_first(capture)]
 
 
@@ -64,12 +64,12 @@ def _first(capture: xr.Dataset) -> str:
 def elements_of(capture: xr.Dataset) -> tuple[Scan, Elements]:
     """The scan of a generated capture and its elements.
 
-    Raises InputError where it lacks its true scene or amplitudes, or is of a modality whose threshold is not known.
+    Raises InputError if it lacks its true scene or amplitudes, or if the threshold of its modality is unknown.
     """
     scan = judge_of(capture.attrs.get("modality")).scan
     if scan is None:
         raise InputError(
-            "No threshold is known for such captures.", where="modality", value=capture.attrs.get("modality")
+            "The threshold of such captures is unknown.", where="modality", value=capture.attrs.get("modality")
         )
     return scan(capture, true_scene(capture))
 
@@ -80,7 +80,7 @@ def scan_of(capture: xr.Dataset) -> Scan:
 
 
 def threshold_table(capture: xr.Dataset) -> ThresholdTable:
-    """The table of a generated capture's rig, shared by all captures of equal rig, delays and background's shape.
+    """The table of a generated capture's rig, shared by all captures with equal rig, delays and shape of the background.
 
     Raises InputError as `elements_of`.
     """
@@ -88,7 +88,7 @@ def threshold_table(capture: xr.Dataset) -> ThresholdTable:
 
 
 def is_regular(capture: xr.Dataset, table: ThresholdTable | None = None) -> npt.NDArray[np.bool_]:
-    """Per element of a generated capture, in the shape of its truth: True where its Cramér-Rao bound may be asserted.
+    """Flags of the elements of a generated capture, in the shape of its truth: True where the Cramér-Rao bound can be reached.
 
     Raises InputError as `elements_of`.
     """
@@ -98,9 +98,9 @@ def is_regular(capture: xr.Dataset, table: ThresholdTable | None = None) -> npt.
 def threshold_bound(
     capture: xr.Dataset, bound: Bound, table: ThresholdTable | None = None, *, form: Form = "bayes"
 ) -> Bound:
-    """`bound` of a capture's first quantity with another one in elements that are not regular; see `with_threshold`.
+    """`bound` of a capture's main quantity, replaced in irregular elements; see `with_threshold`.
 
-    The kind "none" stays. Raises InputError as `elements_of`.
+    A bound of kind "none" is returned unchanged. Raises InputError as `elements_of`.
     """
     if bound.kind == "none":
         return bound

@@ -1,4 +1,4 @@
-"""How captures of range-gated cameras are judged."""
+"""The judge of range-gated cameras."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["JUDGE"]
 
 
 def _calibrated(scene: Scene, rig: dict[str, Any], calibration: Calibration, draw: Draw) -> dict[str, Any]:
-    """Pulse and gates of the declared rig as recovered from records of the true ones."""
+    """The declared rig with pulse and gates recovered from records of the true ones."""
     step, true = float(rig["pulse"]["step_s"]), gated_rig(scene)
     rng = draw(Record.PULSE, 0)
     time, counts = record_pulse(optics_pulse(true.laser.pulse), step, calibration.pulse_photoelectrons, rng)
@@ -28,7 +28,7 @@ def _calibrated(scene: Scene, rig: dict[str, Any], calibration: Calibration, dra
     for block, (gate, old) in enumerate(zip(true.gates, rig["gates"], strict=True)):
         rng = draw(Record.GATE, block)
         delay, counts = record_gate(optics_gate(gate), step, calibration.gate_photoelectrons, rng)
-        # The scan tells the shape; the height belongs to the photon transfer, which the declared rig already holds.
+        # The scan yields the shape only; the height is part of the photon transfer, which the declared rig already holds.
         gates.append(gate_from_scan(float(delay[0]), step, counts, transmission=max(old["value"])))
     rig["pulse"], rig["gates"] = pulse, gates
     return rig

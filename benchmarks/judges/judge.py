@@ -1,4 +1,4 @@
-"""The record of a modality on the floor of benchmarks: how its captures are judged."""
+"""The record of a modality in `benchmarks`: how its captures are judged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..suites.spec import Calibration
 
 __all__ = ["Draw", "Judge"]
 
-#: (what is recorded, number of the record) -> random generator of one record of a calibration.
+#: (kind of record, its number) -> random generator of one record of a calibration.
 Draw = Callable[[int, int], np.random.Generator]
 
 
@@ -25,16 +25,16 @@ class Judge:
     """How the captures of a modality are judged.
 
     Main arguments:
-        truth: capture -> truth by the name of the quantity.
-        bound: capture -> bound by the name of the quantity: Cramér-Rao, kind "none" where the capture has no bound.
-        neighbours: labels of estimators that `break` compares a new one with.
-        scenes: of the library, in which `break` searches by default.
+        truth: capture -> truth by name of the quantity.
+        bound: capture -> Cramér-Rao bound by name of the quantity; kind "none" if the capture has no bound.
+        neighbours: labels of the estimators with which `break` compares a new one.
+        scenes: names of library scenes in which `break` searches by default.
     Other arguments:
-        scan: (capture, true scene) -> mean signals over a window of delays, from which thresholds follow; None where no
-            threshold is known, so that the Cramér-Rao bound stands.
-        calibrate: (scene, declared rig, photons of the calibration, random generators) -> the rig as a simulated, noisy
-            calibration leaves it; None where the rig declares nothing that a calibration would recover.
-        laws: "module:object" of the record `benchmarks.laws.maker.Laws`, by which estimators are checked; "" where the
+        scan: (capture, true scene) -> mean signals over a window of delays, from which thresholds follow; None if the
+            threshold is unknown, so that the Cramér-Rao bound is used everywhere.
+        calibrate: (scene, declared rig, photons of the calibration, random generators) -> the declared rig after a
+            simulated, noisy calibration; None if the rig declares nothing that a calibration recovers.
+        laws: "module:object" of the record `benchmarks.laws.maker.Laws`, with which estimators are checked; "" if the
             modality has no laws.
     """
 

@@ -1,4 +1,4 @@
-"""The truth of captures that are read as ranges."""
+"""The truth of captures from which ranges are estimated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["range_truth"]
 
 
 def range_truth(capture: xr.Dataset) -> Mapping[str, Truth]:
-    """The true range, m; an element that sees two surfaces (`truth_mixed`) has two right values, the first and the last."""
+    """The true range, m; an element that sees two surfaces (`truth_mixed`) has two true values, `truth_first` and `truth_last`."""
     true_range = np.asarray(capture["truth_range"].values, np.float64)
     if "truth_mixed" not in capture:
         return {"range": Truth.plain(true_range)}

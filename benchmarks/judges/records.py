@@ -1,4 +1,4 @@
-"""Simulated records of an instrument's pulse and gates, as a laboratory takes them to calibrate it."""
+"""Simulated records of an instrument's pulse and gates, as a laboratory takes them for a calibration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Float = npt.NDArray[np.float64]
 
 
 class Record(IntEnum):
-    """What is recorded: the stage in its random stream's name. Never renumber; apart from the generator's stages."""
+    """Kinds of records: the stage in the key of the random stream. Never renumber; the generator's stages differ from these."""
 
     PULSE = 101
     GATE = 102
@@ -23,7 +23,7 @@ class Record(IntEnum):
 
 #: Dark counts per sample, as a fraction of the brightest sample's.
 _DARK = 1e-3
-#: Empty room on both sides of a record, in lengths of the shape: a laboratory does not know where it ends.
+#: Empty margin on both sides of a record, in lengths of the shape, as a laboratory does not know where the shape ends.
 _MARGIN = 0.5
 
 
@@ -37,7 +37,7 @@ def _grid(low: float, high: float, step: float) -> Float:
 def record_pulse(
     pulse: waveforms.Pulse, step_s: float, photoelectrons: float, rng: np.random.Generator
 ) -> tuple[Float, Float]:
-    """(time, counts) of a pulse in bins of `step_s` centred at `time`; the clock's zero is the pulse's centroid."""
+    """(time, counts) of a pulse in bins of `step_s` centred at `time`; time 0 is the centroid of the pulse."""
     time = _grid(*_core(waveforms.pulse_support(pulse), waveforms.pulse_variance(pulse)), step_s)
     edge = np.append(time - 0.5 * step_s, time[-1] + 0.5 * step_s)
     mean = photoelectrons * np.maximum(-np.diff(waveforms.pulse_part(pulse).upper(edge)), 0.0)
@@ -46,7 +46,7 @@ def record_pulse(
 
 
 def _core(support: tuple[float, float], variance: float) -> tuple[float, float]:
-    """The support, cut at 6 standard deviations where it is longer: tails far below one count are not recorded."""
+    """The support, limited to 6 standard deviations, as tails far below one count are not recorded."""
     reach = 6.0 * float(np.sqrt(variance))
     return max(support[0], -reach), min(support[1], reach)
 
@@ -56,9 +56,9 @@ def record_gate(
 ) -> tuple[Float, Float]:
     """(delay, counts) of a gate scanned in steps of `step_s`; `photoelectrons` per step at transmission 1.
 
-    Each step sees the gate through the hat that spans the steps beside it, so that the record read with straight lines
-    keeps the gate's area and centroid, and a jump its place: sampled at points, a jump between two of them, or on one, is
-    read up to half a step away.
+    Each step measures the gate weighted by the hat function that spans its two neighbours. The record, interpolated linearly,
+    then keeps area and centroid of the gate, and the position of a jump. With samples at points, a jump would be displaced by
+    up to half a step.
     """
     delay = _grid(*waveforms.gate_support(gate), step_s)
     edge = np.concatenate([[delay[0] - step_s], delay, [delay[-1] + step_s]])

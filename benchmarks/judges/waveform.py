@@ -1,4 +1,4 @@
-"""How captures of pulsed rangers are judged."""
+"""The judge of pulsed rangers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["JUDGE"]
 
 
 def _calibrated(scene: Scene, rig: dict[str, Any], calibration: Calibration, draw: Draw) -> dict[str, Any]:
-    """The response is the pulse as the rig's own detector shows it: it is recorded, and keeps its declared mean time."""
+    """The declared rig with a recorded response, i.e. the pulse as the rig's own detector shows it; its mean time is unchanged."""
     old = rig["response"]
     step, weight = float(old["step_s"]), np.asarray(old["value"], np.float64)
     mean_time = float(old["start_s"]) + step * float((np.arange(weight.size) * weight).sum() / weight.sum())

@@ -18,6 +18,7 @@ from ...estimators.result import check_result
 from ...scenes.errors import InputError
 from .maker import Answer, Change, Maker, Run
 from .singular import SINGULARITIES
+from .spoilt import SPOILT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,6 +38,10 @@ ORDER_RTOL = 1e-7
 #: By how many steps dead elements may move the answers of the others: a method may take the median height of a capture's
 #: echoes, and has fewer of them.
 DEAD_TOLERANCE = 1e-2
+#: Standard errors that the answers without some samples may be off. The answer of fewer data minus that of all has the
+#: variance σ² − σ_all² < σ² (J. A. Hausman, Econometrica 46:1251, 1978): of n elements its mean over σ lies within 1/√n of 0,
+#: and its root mean square within 1/√(2n) of 1 or less.
+SPOILT_ERRORS = 4.0
 
 Law = Callable[[Run, Maker], str]
 
@@ -70,6 +75,9 @@ def laws_for(maker: Maker) -> dict[str, Law]:
     for name, change in SINGULARITIES.items():
         if made := change(maker):
             laws[f"finite or invalid: {name}"] = partial(_singular, change=made)
+    for name, make in SPOILT.items():
+        if (capture := make(maker)) is not None:
+            laws[f"true or refused: {name}"] = partial(_spoilt, capture=capture)
     laws[f"dead {noun}s leave the others alone"] = dead_elements
     return laws
 
@@ -193,6 +201,22 @@ def dead_elements(run: Run, maker: Maker) -> str:
 
 def _singular(run: Run, maker: Maker, change: Change) -> str:
     return _unsound(run(maker.changed(change)), maker)
+
+
+def _spoilt(run: Run, maker: Maker, capture: xr.Dataset) -> str:
+    """Elements of which some samples are no data keep their answers within the stated errors, or have none."""
+    result = run(capture.copy(deep=True))
+    if problem := _unsound(result, maker):
+        return problem
+    base, other = maker.first(run(maker.clean())), maker.first(result)
+    both = base.valid & other.valid
+    z = (other.value[both] - base.value[both]) / other.sigma[both]
+    if not z.size:
+        return ""
+    mean, rms = abs(float(z.mean())), float(np.sqrt((z**2).mean()))
+    if mean <= SPOILT_ERRORS / np.sqrt(z.size) and rms <= 1 + SPOILT_ERRORS / np.sqrt(2 * z.size):
+        return ""
+    return f"The {z.size} {maker.layout.noun}s answered move by {mean:.2g} of their sigma in the mean, {rms:.2g} rms."
 
 
 def _unsound(result: xr.Dataset, maker: Maker) -> str:

@@ -37,9 +37,9 @@ def read_run(folder: Path) -> dict[str, Any]:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError("run.json cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("The file run.json cannot be read.", where=str(path), value=str(error)) from error
     if not isinstance(record, dict):
-        raise InputError("run.json must be an object.", where=str(path), value=type(record).__name__)
+        raise InputError("The file run.json does not hold a JSON object.", where=str(path), value=type(record).__name__)
     for name, kind, word in (
         ("failures", list, "a list"),
         ("machine", dict, "an object"),

@@ -12,6 +12,7 @@ from ..folders.files import write_text
 from ..runner.costs import read_costs
 from ..scores.error_tiles import read_tiles
 from ..scores.tables import read_scores
+from .above_bound import above_bound
 from .breakdown import page_section
 from .charts import panel_title, panels_of, save_charts, speed_accuracy_spec, stress_groups, stress_spec
 from .data import Cell, base_cells, cells_of, read_run, seeds_of, unit_scale
@@ -61,6 +62,7 @@ def write_report(run_dir: str | Path) -> Path:
     page = _render(
         title=str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run")),
         summary=summary(table),
+        doubts=above_bound(cells),
         counts=_counts(table, cells),
         panels=_panels(base),
         stresses=_stresses(cells),

@@ -8,6 +8,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from ..statistics.skips import skip_reason
+from .above_bound import above_bound
 from .data import Cell, base_cells, cells_of, seeds_of, unit_scale
 
 if TYPE_CHECKING:
@@ -171,7 +172,8 @@ def _fastest(ranked: list[Ranked]) -> Ranked:
 
 
 def closing_lines(scores: pd.DataFrame) -> list[str]:
-    """The last lines of a run in the terminal: most accurate and fastest estimator, and where each estimator fails."""
+    """The last lines of a run in the terminal: most accurate and fastest estimator, results better than their bound, and where
+    each estimator fails."""
     cells = cells_of(scores)
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
@@ -190,6 +192,7 @@ def closing_lines(scores: pd.DataFrame) -> list[str]:
             f"fastest  {fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
             f"{number(fastest.error_ratio)} x the smallest error"
         )
+    lines += [f"doubt    {sentence}" for sentence in above_bound(cells)]
     said = failures_of([cell for cell in cells if not cell.mixed])
     for label, places in said.items():
         if not places:

@@ -1,7 +1,9 @@
 """The photodetector experiment of Figures 3, 4 and 7: one laser pulse, one surface, one record of an oscilloscope.
 
 The set-up of Figure 1: a Q-switched laser of up to 1 mJ at 532 nm and a biased silicon photodiode of 400 µm with less than
-300 ps of rise time. Values that the document omits are our choice, in `Setup`; no lens is mentioned, and none is needed: a
+300 ps of rise time. Of the values that are not printed only those are used that are possible with the printed ones
+(`possible`): no load at which the diode's capacitance would make the edge longer than the printed one, and no noise below the
+thermal noise of that load. Values that the document omits are our choice, in `Setup`; no lens is mentioned, and none is needed: a
 surface of 80 % at 5 m gives 10 to 50 mV into 50 Ω. The experiment is self-contained: it uses the pulses and the LADAR
 equation of `optics`, but neither the generator nor an estimator.
 """
@@ -21,7 +23,8 @@ from ...optics.ladar import ladar_eq3_received_power
 from ...optics.reflection.chua import chua_printed
 
 __all__ = [
-    "ELECTRON_C", "MEASUREMENTS", "RANGE_M", "Setup", "Surface", "closed_form_std", "mean_signal", "measure", "surface", "times",
+    "ELECTRON_C", "MEASUREMENTS", "RANGE_M", "Setup", "Surface", "closed_form_std", "largest_load_ohm", "mean_signal", "measure",
+    "possible", "speckle_cells", "surface", "thermal_noise_v", "times", "whole_record_std",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -31,6 +34,10 @@ RANGE_M = 5.0
 MEASUREMENTS = 30
 #: Elementary charge, C, exact by definition of the SI.
 ELECTRON_C = 1.602_176_634e-19
+#: Boltzmann constant, J/K, exact by definition of the SI; a room's temperature, K.
+_BOLTZMANN_J_PER_K, _ROOM_K = 1.380_649e-23, 295.0
+#: Least capacitance of a biased silicon diode of 400 µm with its leads, F.
+_DIODE_F = 1.0e-12
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,34 @@ class Setup:
     def noise_e(self) -> float:
         """Electronic noise of one sample in photoelectrons: V·Δt/(R·q)."""
         return self.noise_v * self.sample_s / (self.load_ohm * ELECTRON_C)
+
+
+def thermal_noise_v(setup: Setup) -> float:
+    """Thermal (Johnson) noise of the load, V rms: √(4kTRB), B = .35/rise time; .031 mV for 50 Ω and 300 ps."""
+    return math.sqrt(4.0 * _BOLTZMANN_J_PER_K * _ROOM_K * setup.load_ohm * 0.35 / setup.rise_s)
+
+
+def largest_load_ohm(setup: Setup) -> float:
+    """Largest load with the printed rise time, Ω: 2.2 RC ≤ rise, C = 1 pF; 136 Ω for 300 ps."""
+    return setup.rise_s / (2.2 * _DIODE_F)
+
+
+def possible(setup: Setup) -> bool:
+    """Whether load and noise are possible with the rise time."""
+    return setup.load_ohm <= largest_load_ohm(setup) and setup.noise_v >= thermal_noise_v(setup)
+
+
+def speckle_cells(setup: Setup) -> float:
+    """Number M of speckles on the detector: its mean light has the relative standard deviation 1/√M (Goodman 2007, §4.6).
+
+    1/M = ⟨|μ|²⟩ over pairs of points of the disc, |μ(s)|² = exp(−s²/L²), L = λr/(πw) for a Gaussian spot of 1/e² radius
+    w = half angle × r, polarised light, coherence longer than the depth of the spot. The laser is coherent and there is no
+    lens, so that a narrow beam makes few, large speckles.
+    """
+    scale = setup.wavelength_m / (math.pi * setup.beam_half_angle_rad)
+    share, step = np.linspace(0.0, 1.0, 4001, retstep=True)
+    apart = 16.0 / math.pi * share * (np.arccos(share) - share * np.sqrt(1.0 - share**2))
+    return 1.0 / float(np.sum(apart * np.exp(-((share * setup.diameter_m / scale) ** 2))) * step)
 
 
 @dataclass(frozen=True)
@@ -122,6 +157,14 @@ def closed_form_std(setup: Setup, signal: Array) -> float:
     part, t = signal[i - k : i + k + 1], times(setup)[i - k : i + k + 1]
     mean = float(np.sum(part * t) / np.sum(part))
     variance = float(np.sum((part + setup.noise_e**2) * (t - mean) ** 2)) / float(np.sum(part)) ** 2
+    return 0.5 * C_M_PER_S * math.sqrt(variance)
+
+
+def whole_record_std(setup: Setup, signal: Array) -> float:
+    """Standard deviation of Σ V t/Σ V over the whole record without a baseline, m, to first order in the noise."""
+    t = times(setup)
+    mean = float(np.sum(signal * t) / np.sum(signal))
+    variance = float(np.sum((signal + setup.noise_e**2) * (t - mean) ** 2)) / float(np.sum(signal)) ** 2
     return 0.5 * C_M_PER_S * math.sqrt(variance)
 
 

@@ -9,11 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from .photodetector import MEASUREMENTS, Setup, Surface, closed_form_std, mean_signal, measure, surface
-from .rows import Row, judge_band, judge_settings
+from .photodetector import (
+    MEASUREMENTS,
+    Setup,
+    Surface,
+    closed_form_std,
+    largest_load_ohm,
+    mean_signal,
+    measure,
+    possible,
+    speckle_cells,
+    surface,
+    thermal_noise_v,
+)
+from .rows import Row, judge_settings
 
 __all__ = [
-    "ANGLES_DEG", "FREE", "REFLECTIVITIES", "ROUGH", "SURFACES", "figure_3_points", "figure_4_points", "reflection_rows",
+    "ANGLES_DEG", "FREE", "REFLECTIVITIES", "ROUGH", "SLOPES", "SURFACES", "exponent", "figure_3_points", "figure_4_points",
+    "reflection_rows", "setups", "share_in_order",
 ]  # fmt: skip
 
 #: rms slopes of a smooth and a rough surface, and reflectivities of a strong and a weak one.
@@ -21,16 +34,19 @@ SMOOTH, ROUGH, _STRONG, _WEAK = 0.15, 0.5, 0.8, 0.2
 REFLECTIVITIES = (0.8, 0.5, 0.3, 0.15)
 ANGLES_DEG = tuple(range(0, 61, 10))
 _REPEATS = 400
-FREE = "pulse width; electronic noise; load; quantum efficiency; reflectivities; slopes; share of gloss"
+FREE = "pulse width; pulse energy; electronic noise; quantum efficiency; reflectivities; slopes; share of gloss"
 
-#: Parameters that the document does not give, each over values plausible in a laboratory. With a load of 1 MΩ electronic
-#: noise is negligible, and photon noise remains.
-NOISES_V = (0.005e-3, 0.01e-3, 0.02e-3, 0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)
-LOADS_OHM = (50.0, 1e6)
+#: Parameters that the document does not give, each over values that are possible with those that it gives. The first noise is
+#: the thermal noise of 50 Ω; with the printed rise time no larger usual load is possible.
+NOISES_V = (0.031e-3, 0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)
+LOAD_OHM = 50.0
 _PULSES_S = (0.5e-9, 1e-9, 3e-9)
-#: Slopes s ≤ 1/√3 only: according to the text its surfaces reflect most at θ = 0 (Figure 2).
-_SLOPES = (SMOOTH, ROUGH)
+_ENERGIES_J = (0.3e-3, 1e-3)
+#: Also slopes above 1/√3, whose Eq. 4 is not greatest at θ = 0 (Figure 2): the text excludes none.
+SLOPES = (SMOOTH, 0.3, ROUGH, 0.7, 0.9)
 _SHARES = (0.1, 0.3, 0.6)
+#: Half angles of the beam, rad, which set the number of speckles on the detector.
+_BEAMS_RAD = (0.5e-3, 1e-3, 3e-3, 10e-3)
 
 SURFACES = {
     (power, finish): surface(f"{power}, {finish}", rho, slope)
@@ -85,7 +101,7 @@ def reflection_rows() -> list[Row]:
     return [*_figure_3(), *_figure_4()]
 
 
-def _exponent(setup: Setup) -> float:
+def exponent(setup: Setup) -> float:
     """d ln(error)/d ln(reflectivity) between the weak and the strong surface of one roughness, closed form."""
     strong, weak = (
         closed_form_std(setup, mean_signal(setup, SURFACES[power, "rough"], 0.0)) for power in ("strong", "weak")
@@ -93,11 +109,22 @@ def _exponent(setup: Setup) -> float:
     return math.log(weak / strong) / math.log(_WEAK / _STRONG)
 
 
-def _setups() -> list[Setup]:
-    """Our set-up and its plausible variants."""
+def setups() -> list[Setup]:
+    """Our set-up and its variants, all of them possible with the printed values."""
     plain = Setup()
-    ends = itertools.product((NOISES_V[0], NOISES_V[-1]), LOADS_OHM, _PULSES_S)
-    return [plain, *(replace(plain, noise_v=noise, load_ohm=load, pulse_fwhm_s=pulse) for noise, load, pulse in ends)]
+    parts = itertools.product((NOISES_V[0], NOISES_V[-1]), _PULSES_S, _ENERGIES_J)
+    made = [replace(plain, noise_v=noise, pulse_fwhm_s=pulse, energy_j=energy) for noise, pulse, energy in parts]
+    return [setup for setup in [plain, *made] if possible(setup)]
+
+
+def share_in_order(light: float, cells: float, rng: np.random.Generator, count: int = 200_000) -> float:
+    """Share of experiments, one fixed pattern of speckle each, that give the stronger of two surfaces more light.
+
+    `light` is the ratio of the mean signals, `cells` the speckles M on the detector: each signal is its mean times a gamma
+    variable of shape M and mean 1. Where electronic noise dominates, the brighter echo has the smaller error.
+    """
+    strong, weak = rng.gamma(cells, 1.0, (2, count))
+    return float(np.mean(light * strong > weak))
 
 
 def _expected(setup: Setup, target: Surface, angle_deg: float) -> float:
@@ -105,91 +132,90 @@ def _expected(setup: Setup, target: Surface, angle_deg: float) -> float:
 
 
 def _figure_3() -> list[Row]:
-    setup = Setup()
+    setup, many = Setup(), setups()
     found = {(p["power"], p["finish"]): p for p in figure_3_points()}
-    many = {key: _mean_abs(setup, target, 0.0, _rng(30, n), _REPEATS)
-            for n, (key, target) in enumerate(SURFACES.items())}  # fmt: skip
-    pairs = [(("weak", f), ("strong", f)) for f in ("smooth", "rough")]
-    pairs += [((p, "rough"), (p, "smooth")) for p in ("strong", "weak")]
-    rows = []
-    for larger, smaller in pairs:
+
+    def order(larger: tuple[str, str], smaller: tuple[str, str]) -> list[float]:
         a, b = SURFACES[larger], SURFACES[smaller]
-        ratios = [_expected(s, a, 0.0) / _expected(s, b, 0.0) for s in _setups()]
-        free, note = FREE, f"closed form {min(ratios):.2f} … {max(ratios):.2f} over {len(ratios)} set-ups"
-        if larger[1] != smaller[1]:
-            # Eq. 4 as printed ties K_S to no slope.
-            untied = _expected(setup, replace(a, k_s=b.k_s), 0.0) / _expected(setup, b, 0.0)
-            ratios.append(untied)
-            free += "; tie of K_S to the slope"
-            note += f" where K_S ∝ 1/s², {untied:.2f} where both surfaces have the same K_S"
-        often = float(np.mean(many[larger] > many[smaller]))
-        rows.append(
-            Row("Figure 3", f"range error of the {', '.join(larger)} surface over the {', '.join(smaller)}", "1",
-                math.nan, found[larger]["error"] / found[smaller]["error"], math.nan,
-                judge_settings([found[larger]["error"] > found[smaller]["error"], *(ratio > 1.0 for ratio in ratios)]),
-                f"one experiment of {MEASUREMENTS} measurements at 5 m; {note}; {100 * often:.0f} % of {_REPEATS} "
-                "repeats show this order", free)
-        )  # fmt: skip
-    exponents = {(v, load): _exponent(replace(setup, noise_v=v, load_ohm=load)) for v in NOISES_V for load in LOADS_OHM}
-    low, high = min(exponents.values()), max(exponents.values())
-    fifty = {1e3 * v: exponents[v, LOADS_OHM[0]] for v in NOISES_V}
-    smooth, rough = (
-        closed_form_std(setup, mean_signal(setup, Surface("", 0.1, 0.1, slope), 0.0)) for slope in (SMOOTH, ROUGH)
-    )
-    same = rough / smooth
-    rows += [
-        Row("Figure 3", "exponent of range error against reflectivity, 50 Ω, electronic noise .1 mV", "1", -1.0,
-            _exponent(setup), 0.1, judge_band(-1.0, low, high, 0.1),
-            f"{low:.3f} … {high:.3f} over noise and load. The abstract: accuracy is proportional to reflectivity. This "
-            f"holds where noise of the oscilloscope dominates: at 50 Ω {fifty[0.1]:.3f} with .1 mV, {fifty[0.02]:.3f} with .02 mV, "
-            f"{fifty[0.01]:.3f} with .01 mV, {fifty[0.005]:.3f} with .005 mV; with photon noise alone {high:.3f}, as by Eq. "
-            "15 and 17. The document gives neither noise nor load",
-            "electronic noise (.005 to .5 mV); load (50 Ω, 1 MΩ); pulse width; quantum efficiency"),
-        Row("Figure 3", "range error of rough over smooth with equal K_S and K_D", "1", math.nan, same, math.nan,
-            "undetermined",
-            "at θ = 0 the printed Eq. 4 does not depend on the slope s: roughness acts only if K_S depends on s. Here K_S = "
-            "share·ρ/(4πs²), by conservation of energy; the document does not specify K_S", "tie of K_S to the slope"),
+        return [found[larger]["error"] / found[smaller]["error"],
+                *(_expected(s, a, 0.0) / _expected(s, b, 0.0) for s in many)]  # fmt: skip
+
+    weak = [r for finish in ("smooth", "rough") for r in order(("weak", finish), ("strong", finish))]
+    rough = [r for power in ("strong", "weak") for r in order((power, "rough"), (power, "smooth"))]
+    # Eq. 4 as printed ties K_S to no slope.
+    tied, free = SURFACES["strong", "smooth"], SURFACES["strong", "rough"]
+    untied = _expected(setup, replace(free, k_s=tied.k_s), 0.0) / _expected(setup, tied, 0.0)
+    exponents = {v: exponent(replace(setup, noise_v=v)) for v in NOISES_V}
+    every = [*exponents.values(), *(exponent(s) for s in many)]
+    beams = {b: speckle_cells(replace(setup, beam_half_angle_rad=b)) for b in _BEAMS_RAD}
+    shown = {b: share_in_order(_STRONG / _WEAK, cells, _rng(31, n)) for n, (b, cells) in enumerate(beams.items())}
+    return [
+        Row("Figure 3", "range error of the weak surface over the strong one, rough", "1", math.nan, weak[len(weak) // 2],
+            math.nan, judge_settings(ratio > 1.0 for ratio in weak),
+            f"one experiment of {MEASUREMENTS} measurements at 5 m; {min(weak):.2f} … {max(weak):.2f} over {len(many)} set-ups "
+            "and two finishes, closed form without speckle", FREE),
+        Row("Figure 3", "share of single experiments that show this order, with speckle, beam of 1 mrad", "1", math.nan,
+            shown[1e-3], math.nan, judge_settings(share > 0.95 for share in shown.values()),
+            "the laser is coherent and the detector has no lens: one fixed pattern of speckle changes the light of a surface in "
+            "all of its measurements. " + "; ".join(
+                f"{1e3 * b:g} mrad: {cells:.3g} speckles on the detector, {100 * shown[b]:.0f} %" for b, cells in beams.items())
+            + f" for reflectivities of {_STRONG:g} and {_WEAK:g}. The document does not give the divergence",
+            "divergence of the beam; reflectivities; depolarisation"),
+        Row("Figure 3", "range error of the rough surface over the smooth one, strong", "1", math.nan, rough[0], math.nan,
+            judge_settings(ratio > 1.0 for ratio in (*rough, untied)),
+            f"{min(rough):.2f} … {max(rough):.2f} where K_S ∝ 1/s² by conservation of energy, {untied:.2f} where both surfaces "
+            "have the same K_S: at θ = 0 the printed Eq. 4 does not depend on the slope, and the document does not specify K_S",
+            FREE + "; tie of K_S to the slope"),
+        Row("Figure 3", "exponent of range error against reflectivity, electronic noise .1 mV", "1", math.nan,
+            exponents[0.1e-3], 0.05, judge_settings(abs(value + 1.0) <= 0.05 for value in every),
+            "the abstract: accuracy is proportional to reflectivity, an exponent of −1. "
+            f"{max(every):.3f} … {min(every):.3f} over {len(every)} set-ups that are possible with the printed rise time: a "
+            f"load of at most {largest_load_ohm(setup):.0f} Ω and at least its thermal noise of "
+            f"{1e3 * thermal_noise_v(setup):.3f} mV, which dominates. Eq. 15 and 17, with photon noise alone, give −1/2",
+            "electronic noise (.031 to .5 mV); pulse width; pulse energy; quantum efficiency"),
     ]  # fmt: skip
-    return rows
-
-
-def _rises(setup: Setup, target: Surface) -> bool:
-    return bool(np.all(np.diff([_expected(setup, target, angle) for angle in ANGLES_DEG]) > 0.0))
 
 
 def _figure_4() -> list[Row]:
-    setup = Setup()
-    rows = []
-    kinds = list(itertools.product(_SLOPES, _SHARES))
-    setups = _setups()
+    setup, many = Setup(), setups()
+    kinds = [surface("", 0.5, slope, share) for slope, share in itertools.product(SLOPES, _SHARES)]
     points = figure_4_points()
-    for s, rho in enumerate(REFLECTIVITIES):
-        target = surface(f"{100 * rho:.0f} %", rho, ROUGH)
-        mine = [p for p in points if p["surface"] == target.name]
-        rises = [_rises(s, surface("", rho, slope, share)) for s in setups for slope, share in kinds]
-        order = float(np.corrcoef(np.argsort(np.argsort([p["error"] for p in mine])), np.arange(len(mine)))[0, 1])
-        many = np.stack([_mean_abs(setup, target, angle, _rng(40, s, a), _REPEATS // 2)
-                         for a, angle in enumerate(ANGLES_DEG)])  # fmt: skip
-        least = float(np.mean(np.argmin(many, axis=0) == 0))
-        rows += [
-            Row("Figure 4", f"range error at 60° over that at 0°, reflectivity {target.name}", "1", math.nan,
-                mine[-1]["error"] / mine[0]["error"], math.nan, judge_settings([order > 0.7, *rises]),
-                f"one experiment: rank correlation with the angle {order:.2f}, 30 measurements each; closed form "
-                f"{mine[-1]['expected'] / mine[0]['expected']:.2f}; it rises throughout in {sum(rises)} of {len(rises)} "
-                "set-ups and surfaces that reflect most at θ = 0 (slopes up to 1/√3, as stated in the text)", FREE),
-            Row("Figure 4", f"share of experiments that find the least error at 0°, reflectivity {target.name}", "1",
-                math.nan, least, math.nan, "undetermined",
-                f"of {_REPEATS // 2} repeats at seven angles. «Clearly minimum at θ = 0»: 30 measurements give a mean "
-                "|error| to 14 %, while the model changes by "
-                f"{100 * (mine[1]['expected'] / mine[0]['expected'] - 1):.0f} % from 0 to 10°", FREE),
-        ]  # fmt: skip
+    at_60 = [_expected(s, kind, 60.0) / _expected(s, kind, 0.0) for s in many for kind in kinds]
+    least = [min(ANGLES_DEG, key=lambda angle: _expected(setup, kind, angle)) == 0 for kind in kinds]
+    first = [p for p in points if p["surface"] == points[0]["surface"]]
+    cells = {b: speckle_cells(replace(setup, beam_half_angle_rad=b)) for b in _BEAMS_RAD}
+    expected = np.array([p["expected"] for p in first])
+    plain = _least_at_zero(expected, None, _rng(41))
+    found = {b: _least_at_zero(expected, m, _rng(42, n)) for n, (b, m) in enumerate(cells.items())}
     strong, weak = points[len(ANGLES_DEG) - 1], points[-1]
     bright, dim = (surface("", rho, ROUGH) for rho in (REFLECTIVITIES[0], REFLECTIVITIES[-1]))
-    ratios = [_expected(s, dim, 60.0) / _expected(s, bright, 60.0) for s in setups]
-    rows.append(
-        Row("Figure 4", "range error at 60°, 15 % surface over 80 % surface", "1", math.nan,
-            weak["error"] / strong["error"], math.nan,
-            judge_settings([weak["error"] > strong["error"], *(ratio > 1.0 for ratio in ratios)]),
-            f"weaker surfaces lie higher at every angle; closed form {min(ratios):.2f} … {max(ratios):.2f} over set-ups", FREE)
-    )  # fmt: skip
-    return rows
+    ratios = [weak["error"] / strong["error"], *(_expected(s, dim, 60.0) / _expected(s, bright, 60.0) for s in many)]
+    return [
+        Row("Figure 4", "range error at 60° over that at 0°, reflectivity 80 %", "1", math.nan,
+            first[-1]["error"] / first[0]["error"], math.nan,
+            judge_settings([first[-1]["error"] > first[0]["error"], *(ratio > 1.0 for ratio in at_60)]),
+            f"closed form {min(at_60):.2f} … {max(at_60):.2f} over {len(many)} set-ups and {len(kinds)} surfaces with slopes of "
+            f"{SLOPES[0]:g} to {SLOPES[-1]:g}", FREE),
+        Row("Figure 4", "share of experiments that find the least error at 0°, reflectivity 80 %", "1", math.nan,
+            plain, math.nan, judge_settings([*(share > 0.95 for share in (plain, *found.values())), *least]),
+            "«clearly minimum at zero»: 30 measurements give a mean |error| to 14 %, while the model changes by "
+            f"{100 * (expected[1] / expected[0] - 1):.0f} % from 0 to 10°; with speckle "
+            + ", ".join(f"{100 * found[b]:.0f} % at {1e3 * b:g} mrad" for b in cells)
+            + f". The expected error is least at 0° for {sum(least)} of {len(least)} surfaces", FREE + "; divergence of the beam"),
+        Row("Figure 4", "range error at 60°, 15 % surface over 80 % surface", "1", math.nan, ratios[0], math.nan,
+            judge_settings(ratio > 1.0 for ratio in ratios),
+            f"weaker surfaces lie higher; closed form {min(ratios[1:]):.2f} … {max(ratios):.2f} over set-ups, without speckle",
+            FREE),
+    ]  # fmt: skip
+
+
+def _least_at_zero(expected: np.ndarray, cells: float | None, rng: np.random.Generator) -> float:
+    """Share of `_REPEATS` experiments whose mean |error| of 30 measurements is least at the first angle.
+
+    `expected` is the mean |error| at each angle; `cells` speckles change the light, and so the error, of each angle.
+    """
+    std = expected * math.sqrt(0.5 * math.pi)
+    if cells is not None:
+        std = std / rng.gamma(cells, 1.0 / cells, (_REPEATS, std.size))
+    errors = np.abs(rng.standard_normal((MEASUREMENTS, _REPEATS, expected.size)) * std).mean(axis=0)
+    return float(np.mean(np.argmin(errors, axis=1) == 0))

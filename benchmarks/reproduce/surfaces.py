@@ -41,26 +41,19 @@ def figure_2_curves() -> list[dict[str, Any]]:
 
 
 def figure_2_rows() -> list[Row]:
-    """Rows of Figure 2."""
+    """The row of Figure 2."""
     cos = np.cos(np.radians(_ANGLES_DEG))
-    rows = []
-    for name, surface in FIGURE_2_SURFACES.items():
-        half = float(np.interp(-0.5, -chua_printed(cos, **surface), _ANGLES_DEG))
-        falls = {slope: _falls(chua_printed(cos, **(surface | {"slope": slope})))
-                 for slope in (surface["slope"], *SLOPES)}  # fmt: skip
-        rising = [f"{slope:g}" for slope, fall in falls.items() if not fall]
-        rows.append(
-            Row("Figure 2", f"angle at which Eq. 4 has fallen to half, {name}", "deg", math.nan, half, math.nan,
-                judge_settings(falls.values()),
-                f"s = {surface['slope']:g}: greatest at θ = 0 and falling, as the text says"
-                f"{'; not for s = ' + ', '.join(rising) if rising else ', whatever the slope'}. "
-                f"K_S/K_D = {surface['k_s']:g}/{surface['k_d']:g} and m = {surface['diffusivity']:g} are ours: the text prints "
-                "none", "K_S/K_D; s; m")
-        )  # fmt: skip
-    rows.append(
-        Row("Figure 2", "slope s up to which the specular term is greatest at θ = 0", "1", math.nan,
-            1.0 / math.sqrt(3.0), math.nan, "undetermined",
-            "«the amplitude is maximum at θ = 0» is no property of Eq. 4: beyond s = 1/√3 its factor 1/cos⁶θ wins, "
-            f"e.g. the peak lies at {math.degrees(peak_angle(0.7)):.0f}° for s = .7; the document gives no s", "s")
-    )  # fmt: skip
-    return rows
+    falls = {
+        (name, slope): _falls(chua_printed(cos, **(surface | {"slope": slope})))
+        for name, surface in FIGURE_2_SURFACES.items()
+        for slope in (surface["slope"], *SLOPES)
+    }
+    rising = sorted({slope for (_, slope), fall in falls.items() if not fall})
+    return [
+        Row("Figure 2", "slope s up to which the specular term of Eq. 4 is greatest at θ = 0", "1", math.nan,
+            1.0 / math.sqrt(3.0), math.nan, judge_settings(falls.values()),
+            "the text: the amplitude is maximum at θ = 0 and decreases. It does so for the diffuse term, and for the specular "
+            f"one up to s = 1/√3; beyond, 1/cos⁶θ wins: of our slopes, {', '.join(f'{s:g}' for s in rising)} fail with some "
+            f"ratio K_S/K_D (for s = .7 the peak lies at {math.degrees(peak_angle(0.7)):.0f}°). The document gives no s",
+            "K_S/K_D; s; m"),
+    ]  # fmt: skip

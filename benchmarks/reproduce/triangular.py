@@ -22,7 +22,7 @@ import numpy as np
 
 from ...optics.constants import C_M_PER_S
 from ..written.gated_stack import GaussianRig, stack_capture
-from .rows import Row, Verdict, judge_band
+from .rows import Row, judge_band
 
 __all__ = ["ITEM", "PUBLISHED", "fluctuation_for", "measured_ratio", "precision_ratio", "triangular_rows"]
 
@@ -93,33 +93,14 @@ def measured_ratio(fluctuation: float, low: float = 0.1, high: float = 0.9, seed
 
 
 def triangular_rows() -> list[Row]:
-    """Rows on the number in the abstract of the source."""
+    """The row on the number in the abstract of the source."""
     law, limit = precision_ratio(1.0, 0.0), precision_ratio(1.0, 1e6)
     needed = fluctuation_for(PUBLISHED, _LIGHT)
-    inner = [precision_ratio(_LIGHT, e, 0.1, 0.9) for e in (0.0, needed)]
-    seen = [measured_ratio(e) for e in (0.0, needed)]
-    nan = math.nan
-
-    def row(quantity: str, reproduced: float, verdict: Verdict, note: str, free: str) -> Row:
-        ours = verdict == "by-construction"
-        return Row(ITEM, quantity, "1", nan if ours else PUBLISHED, reproduced, nan if ours else _TOLERANCE, verdict,
-                   f"not of this document: Wang, Li and Zhou, Appl. Opt. 52:7399 (2013). {note}", free)  # fmt: skip
-
-    unknown, setting = "photoelectrons; fluctuation of energy", "photoelectrons; fluctuation of energy; pulse; gates"
-    name = "precision of triangular over trapezoidal profiles, "
     return [
-        row(name + "photon noise, whole depth", law, judge_band(PUBLISHED, law, limit, _TOLERANCE),
-            "√5 for photon noise alone, √10 for energy fluctuations of each slice alone: 2.5 lies between, and the abstract "
-            "(only the abstract was available) gives neither light nor fluctuation", unknown),
-        row(name + "energy fluctuations only, whole depth", limit, judge_band(PUBLISHED, law, limit, _TOLERANCE),
-            "the other end of the band", unknown),
-        row(name + f"photon noise at {_LIGHT:g} photoelectrons and fluctuations of {100 * needed:.2g} %",
-            precision_ratio(_LIGHT, needed), "fitted",
-            "2.5 where 2ε²A = 5/3: energy fluctuation and photon noise then contribute equally for the trapezoid",
-            "ε²A"),
-        row(name + "the estimator, photon noise, inner 80 % of the depth", seen[0], "by-construction",
-            f"our estimator on our slices; the formula gives {inner[0]:.3g} there; 9,600 pairs of slices each, standard error "
-            "1 %", setting),
-        row(name + f"the estimator, with fluctuations of {100 * needed:.2g} %, inner 80 %", seen[1], "by-construction",
-            f"our estimator on our slices; the formula gives {inner[1]:.3g} there", setting),
+        Row(ITEM, "precision of triangular over trapezoidal profiles, photon noise, whole depth", "1", PUBLISHED, law,
+            _TOLERANCE, judge_band(PUBLISHED, law, limit, _TOLERANCE),
+            "not of this document: Wang, Li and Zhou, Appl. Opt. 52:7399 (2013), of which only the abstract was available. √5 "
+            f"for photon noise alone, √10 = {limit:.3g} for fluctuations of each slice's energy alone: 2.5 lies between, e.g. "
+            f"at {_LIGHT:g} photoelectrons and fluctuations of {100 * needed:.2g} %. The abstract gives neither",
+            "photoelectrons; fluctuation of energy"),
     ]  # fmt: skip

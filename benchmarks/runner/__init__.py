@@ -1,1 +1,1 @@
-"""Estimators in watched child processes: what passes to them, and what comes back."""
+"""Estimators in supervised child processes: their input, their limits and their results."""

@@ -1,13 +1,14 @@
-"""One estimator in its own process: reads captures, times the call, writes the estimate. Started by `runner`.
+"""One estimator in its own process: reads captures, times the calls, writes the estimates. Started by `runner`.
 
     python -P -m beambench.benchmarks.runner.child LABEL JOBS_FD EVENTS_FD
 
-Jobs come as lines of JSON on one pipe, events leave on another; standard output belongs to the estimator. The truth,
-and the place where it is kept, are never sent here.
+Jobs arrive as lines of JSON on one pipe, and events are sent on another; standard output belongs to the estimator. Neither
+the truth nor its location is ever sent to this process.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import json
@@ -16,22 +17,22 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 __all__ = ["main"]
 
-#: Calls shorter than this in all are repeated, so that a time is a median with a spread and not one draw.
+#: Calls whose total time is shorter than this are repeated, so that a time is a median with a spread.
 _ENOUGH_S = 0.1
 _MOST_CALLS = 5
-#: A call is made at least this often, unless calls took this long already.
+#: Least number of calls, unless the calls have already taken this long.
 _LEAST_CALLS, _LONG_S = 3, 1.0
 
 
 def _die_with_parent() -> None:
-    """Ask Linux to end this process when the runner ends, however it ends."""
+    """Make Linux end this process when the runner ends, for any reason."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG = 1
         if os.getppid() == 1:
@@ -39,7 +40,7 @@ def _die_with_parent() -> None:
 
 
 def _status_bytes(key: str) -> int:
-    """A line of /proc/self/status in bytes (`VmRSS`, `VmHWM`)."""
+    """A value of /proc/self/status in bytes (`VmRSS`, `VmHWM`)."""
     with open("/proc/self/status", encoding="ascii") as file:
         for line in file:
             if line.startswith(key + ":"):
@@ -51,7 +52,7 @@ def _baseline() -> int:
     """Return freed memory to the system, restart the high-water mark, and return the resident size in bytes."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:  # glibc only: other allocators keep freed pages, which then stay in the baseline
+    if trim is not None:  # glibc only: with other allocators freed pages stay in the baseline
         trim(0)
     with open("/proc/self/clear_refs", "w", encoding="ascii") as file:
         file.write("5")
@@ -59,32 +60,32 @@ def _baseline() -> int:
 
 
 def _cpu_s() -> float:
-    """CPU time of this process, all threads, and of its ended children."""
+    """CPU time of all threads of this process and of its ended children, s."""
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + ended.ru_utime + ended.ru_stime
 
 
 def _touch(capture: Any) -> None:
-    """Read every page of the input, so that no call pays for the disk."""
+    """Read every page of the input, so that no call includes the time of the disk."""
     for variable in capture.variables.values():
         if variable.values.size and variable.dtype.kind in "fiub":
             variable.values.max()
 
 
 def _again(wall: list[float]) -> bool:
-    """Whether calls of these times leave their median in doubt."""
+    """Whether more calls are needed for a reliable median of these times."""
     spent = sum(wall)
     few = len(wall) < _LEAST_CALLS and spent < _LONG_S
     return not wall or few or (len(wall) < _MOST_CALLS and spent < _ENOUGH_S)
 
 
 def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, Any]]:
-    """The estimate; CPU and wall time, each call's and the median; peak memory above the baseline, of the first call."""
+    """The estimate; CPU and wall time of each call and their medians, s; peak memory of the first call above the baseline."""
     _touch(capture)
     try:
         before = _baseline()
     except OSError:
-        before = -1  # a system without these files: the peak is then unknown, and said so
+        before = -1  # a system without these files: the peak is reported as unknown
     cpu: list[float] = []
     wall: list[float] = []
     result, peak = None, -1
@@ -107,7 +108,7 @@ def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, A
 
 
 def _save(result: Any, folder: Path, stage: Any, sizes: dict[str, int]) -> str:
-    """Write the arrays of a stage's result; returns what is wrong with it, or ""."""
+    """Write the arrays of a stage's result; return the reason why it is invalid, or ""."""
     import numpy as np
     import xarray as xr
 
@@ -132,8 +133,8 @@ def _save(result: Any, folder: Path, stage: Any, sizes: dict[str, int]) -> str:
 
 
 def _bind(label: str) -> tuple[Callable[[Any], Any], Any, Callable[[Any], str]]:
-    """The estimator's function with the label's parameters (what is timed is its work and nothing around it), its stage,
-    and a function of a capture: the reason why the estimator cannot read it, or ""."""
+    """The estimator's function with the label's parameters (only its own work is timed), its stage, and a function of a
+    capture that returns the reason why the estimator cannot read it, or ""."""
     from ...estimators.labels import check_parameters, parse_label
     from ...estimators.registry import get_estimator
 
@@ -147,14 +148,14 @@ def _bind(label: str) -> tuple[Callable[[Any], Any], Any, Callable[[Any], str]]:
 
 
 def _another(stage: Any, modality: str) -> str:
-    """Reason why estimators of a stage do not read captures of a modality, "" if they do."""
+    """Reason why estimators of a stage do not read captures of a modality, or ""."""
     if stage.modality != modality:
         return f"reads {stage.modality} captures, not {modality}"
     return "" if stage.reads_captures else f"reads the results of another stage ({', '.join(stage.takes)}), no captures"
 
 
 def _home(label: str) -> str:
-    """Where a plug-in comes from, as "module:function"; "" for a built-in."""
+    """The place of a plug-in's function, as "module:function"; "" for a built-in."""
     from importlib.metadata import entry_points
 
     from ...estimators.labels import split_label
@@ -168,27 +169,46 @@ def _describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"[:500]
 
 
+class _HouseError(Exception):
+    """What the runner itself could not do."""
+
+
+@contextlib.contextmanager
+def _ours(what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise _HouseError(f"{what}: {_describe(error)}") from error
+
+
 class _Server:
-    """An estimator that does the jobs it is sent, and reports on each."""
+    """An estimator that carries out jobs, and reports each result."""
 
     def __init__(self, label: str, tell: Callable[..., None]) -> None:
         self.label, self.tell, self.warm = label, tell, False
         self.call, self.stage, self.unfit = _bind(label)
 
     def serve(self, job: dict[str, Any]) -> bool:
-        """Do one job; False where the estimator cannot run on this machine at all."""
+        """Carry out one job; return False if the estimator cannot run on this machine at all."""
         from .estimator_labels import missing_package
+        from .house import house_failure
 
         if reason := _another(self.stage, job["modality"]):
             self.tell(event="skip", job=job["job"], message=reason)
             return True
         try:
             event = self._answer(job)
+        except _HouseError as error:
+            self.tell(event="house", job=job["job"], message=str(error))
+            return False
         except MemoryError as error:
             self.tell(event="memory", job=job["job"], message=_describe(error))
-        except BaseException as error:  # an estimator may raise anything, SystemExit too: it is a result
+        except BaseException as error:  # any exception of an estimator, SystemExit included, is a result
+            if told := house_failure(error):
+                self.tell(event="house", job=job["job"], message=told)
+                return False
             absent = "" if self.warm else missing_package(error, _home(self.label))
-            if absent:  # reported before the first answer, for all captures: none can be left out by choice
+            if absent:  # reported before the first estimate, for all captures: an estimator cannot choose which to skip
                 self.tell(event="refused", message=f"skip: needs the package {absent}")
                 return False
             self.tell(event="error", job=job["job"], message=_describe(error))
@@ -198,11 +218,12 @@ class _Server:
         return True
 
     def _answer(self, job: dict[str, Any]) -> dict[str, Any]:
-        """The event that ends a job, with its times; none where the job asked for a warm-up only."""
+        """The event that ends a job, with its times; none for a job that is only a warm-up."""
         from .protocol import open_capture
 
-        capture = open_capture(Path(job["input"]), job["condition"])
-        # By the declared rig, before the call: an estimator cannot leave captures out by their data.
+        with _ours("the capture cannot be read"):
+            capture = open_capture(Path(job["input"]), job["condition"])
+        # Decided by the declared rig, before the call: an estimator cannot skip captures because of their data.
         if reason := self.unfit(capture):
             return {"event": "skip", "message": reason}
         if not self.warm:
@@ -212,7 +233,8 @@ class _Server:
         if job["only_warm"]:
             return {}
         result, figures = _measure(self.call, capture) if job["timed"] else (self.call(capture), {})
-        wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
+        with _ours("the answer cannot be written"):
+            wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
         return ({"event": "invalid", "message": wrong} if wrong else {"event": "done"}) | figures
 
 
@@ -222,7 +244,7 @@ def main(arguments: list[str]) -> int:
     _die_with_parent()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for fd in (jobs_fd, events_fd):
-        os.set_inheritable(fd, False)  # what an estimator starts must not hold the pipes open
+        os.set_inheritable(fd, False)  # processes that an estimator starts must not keep the pipes open
 
     def tell(**event: Any) -> None:
         os.write(events_fd, (json.dumps(event) + "\n").encode())
@@ -245,5 +267,5 @@ def main(arguments: list[str]) -> int:
 
 if __name__ == "__main__":
     code = main(sys.argv[1:])
-    # All is told: tearing an interpreter with compiled code down takes longer than many an estimator.
+    # Every event is sent. Shutting down an interpreter with compiled code takes longer than many estimators.
     os._exit(code)

@@ -1,8 +1,8 @@
-"""costs.csv: what each estimate cost, per call and per element, with its spread, and where the times come from.
+"""costs.csv: the cost of each estimate per call and per element, its spread, and the source of the times.
 
 `cpu_s` and `wall_s` are medians over the timed calls, `_min` and `_max` the shortest and the longest, `cpu_log_sd` the
-standard deviation of the logarithm of CPU times; `_per_element_s` divides by all elements of the capture, those without
-truth too. `source` is "measured", or "cache" for the times of an earlier run on this machine.
+standard deviation of the logarithm of CPU times; `_per_element_s` divides by all elements of the capture, including
+those without truth. `source` is "measured", or "cache" for the times of an earlier run on this machine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COST_COLUMNS = (*_KEY, "device_class", "elements", "calls", *_TIMES, "source")
 
 
 def cost_row(key: Mapping[str, Any], outcome: Outcome, *, device_class: str, source: str) -> dict[str, Any]:
-    """One row: the key's columns of a score row, and the costs of its outcome."""
+    """One row: the key columns of a score row, and the costs of its outcome."""
     elements = outcome.job.elements
     row: dict[str, Any] = {
         **{name: key[name] for name in _KEY if name != "modality"}, "modality": outcome.job.modality,
@@ -47,37 +47,38 @@ def cost_row(key: Mapping[str, Any], outcome: Outcome, *, device_class: str, sou
 
 
 def write_costs(folder: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write costs.csv of a run, rows sorted by their key, whole or not at all."""
+    """Write costs.csv of a run, its rows sorted by key, completely or not at all."""
     ordered = sorted(rows, key=lambda row: tuple(str(row[name]) for name in _KEY))
     write_text(folder / "costs.csv", to_csv([dict(row) for row in ordered], COST_COLUMNS))
 
 
 def read_costs(folder: Path) -> list[dict[str, Any]]:
-    """The rows of costs.csv with typed numbers; none where a folder has no such file.
+    """The rows of costs.csv with typed numbers; no rows if the folder has no such file.
 
     Raises:
-        InputError: the file is no such table.
+        InputError: the file is not such a table.
     """
     return read_numbers(folder / "costs.csv", ("elements", "calls", *_TIMES), "The table of costs")
 
 
 def cost_interval(
-    middle: float, mine: Sequence[tuple[float, float]], all_rows: Sequence[tuple[float, float]]
+    middle: float, own_rows: Sequence[tuple[float, float]], all_rows: Sequence[tuple[float, float]]
 ) -> tuple[float, float]:
-    """95 % interval of a median CPU time from the scatter of calls; (NaN, NaN) where no call was repeated.
+    """95 % interval of a median CPU time from the scatter of calls, s; (NaN, NaN) if no call was repeated.
 
     Main arguments:
-        middle: the median. mine: (calls, cpu_log_sd) of the rows behind it. all_rows: of all that it is compared with.
+        middle: the median, s. own_rows: (calls, cpu_log_sd) of the rows behind it. all_rows: the same for all rows in the
+            comparison.
 
-    m·exp(∓ t s √(π/2n)) with n calls, and s the larger of its own pooled scatter and that of all: a handful of calls
-    shows too little of its own. √(π/2): a median's standard error over a mean's, for a normal scatter. What differs
-    between processes or days is not in it.
+    m·exp(∓ t s √(π/2n)) with n calls, and s the larger of the pooled scatters of the own rows and of all rows, because a few
+    calls underestimate their scatter. √(π/2): standard error of a median over that of a mean, for normal scatter. The
+    interval does not include differences between processes or days.
     """
     from scipy.stats import t
 
-    own, _ = _pooled(mine)
+    own, _ = _pooled(own_rows)
     common, freedom = _pooled(all_rows)
-    calls = sum(n for n, _ in mine if n > 0)
+    calls = sum(n for n, _ in own_rows if n > 0)
     if freedom < 1 or calls < 1 or not middle > 0:
         return math.nan, math.nan
     scatter = max(common, own) if own == own else common

@@ -1,4 +1,4 @@
-"""The estimators of a suite, checked before anything runs: known names, known parameters, no two alike."""
+"""Check the estimators of a suite before anything runs: names and parameters are known, and no label occurs twice."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Chosen:
 
 
 def missing_package(error: BaseException | None, home: str = "") -> str:
-    """The package that an import did not find, "" where that is not what went wrong.
+    """The missing package that made an import fail; "" if the import failed for another reason.
 
-    A missing module of ours, of the estimator's own package (`home`: its "module:function"), or inside a package that
-    is installed, is a bug of theirs and no missing extra.
+    A missing module of Beambench, of the estimator's own package (`home`: its "module:function"), or of an installed
+    package is a bug in that package, not a missing extra.
     """
     from importlib.util import find_spec
 
@@ -36,29 +36,29 @@ def missing_package(error: BaseException | None, home: str = "") -> str:
     return top if top and top not in own and find_spec(top) is None else ""
 
 
-#: Parameters of built-ins that name a file: an estimator's child starts in an empty folder of its own.
+#: Parameters of built-in estimators that name a file; a relative path would fail, as each child starts in an empty folder.
 _FILES = frozenset({"weights"})
 
 
 def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str, Any] | None = None) -> list[Chosen]:
-    """Parse and check labels; keys are sorted, and files that they name become absolute paths.
+    """Parse and check labels, sort their keys, and make the paths of files in them absolute.
 
     Main arguments:
         labels: `name` or `name[key=value,...]`, each once.
     Other arguments:
-        beside: the suite that lists the labels, as it was given: a relative file is looked up beside its file first, then
-            in the working folder.
+        beside: the suite that lists the labels, as given: a relative path is resolved from the folder of its file first,
+            then from the working folder.
 
-    Parameters of built-ins are checked here. A plug-in's code is never imported by the parent, which holds the truth:
-    its parameters are checked by its child, and a bad one is the status of its rows.
+    Parameters of built-in estimators are checked here. The parent holds the truth and never imports a plug-in: its child
+    process checks its parameters, and an invalid one becomes the status of its rows.
 
     Raises:
-        InputError: unknown name (with near matches), bad syntax, unknown or bad parameter, the same label twice, a file
-            that does not exist, one label in place of a list.
+        InputError: a name is unknown (with similar names), a label is malformed or occurs twice, a parameter is unknown or
+            invalid, a file does not exist, or a single label was given in place of a list.
     """
     if isinstance(labels, str):
         raise InputError(
-            "Estimators are given as a list of labels.",
+            "Estimators must be given as a list of labels.",
             where="estimators",
             value=labels,
             allowed="a list of name or name[key=value,...]",
@@ -87,7 +87,7 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
             try:
                 check_parameters(get_estimator(name).function, params, where=name)
             except InputError as error:
-                if not missing_package(error, BUILTIN[name]):  # else its child is skipped, with that reason
+                if not missing_package(error, BUILTIN[name]):  # otherwise its child is skipped, with that reason
                     raise
             params = {key: _file(name, key, value, beside) if key in _FILES else value for key, value in params.items()}
         full = format_label(name, params)
@@ -98,7 +98,7 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
 
 
 def _file(name: str, key: str, value: Any, beside: str | Path | Mapping[str, Any] | None) -> Any:
-    """The absolute path of the file that a parameter names; None, for the one that ships, stays."""
+    """The absolute path of the file that a parameter names; None (the built-in file) is returned unchanged."""
     if value is None:
         return None
     given = Path(str(value)).expanduser()

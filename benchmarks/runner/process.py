@@ -1,4 +1,4 @@
-"""A child process and its pipes: start it on one thread, talk to it, watch it, end it with all that it started."""
+"""A child process and its pipes: start it with one thread, exchange messages, supervise it, end it with its descendants."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .protocol import THREAD_VARIABLES
 
 __all__ = ["Child", "child_environment"]
 
-_SCAN_S = 0.5  # descendants: their list costs a walk through all processes
-_TAIL = 2000  # bytes kept of what a child printed
+_SCAN_S = 0.5  # for descendants, as their list needs a pass over all processes
+_TAIL = 2000  # bytes kept of a child's printed output
 
 
 def child_environment() -> dict[str, str]:
-    """The parent's environment with one thread for every library, its import path, and steady hashes."""
+    """The parent's environment and import path, with one thread for every library and reproducible hashes."""
     environment = dict(os.environ)
     environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    # The child starts in an empty folder; what the parent could import, it can.
+    # The child starts in an empty folder, but can import everything that the parent can.
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     environment["PYTHONHASHSEED"] = "0"
     environment.pop("PYTHONSTARTUP", None)
@@ -78,11 +78,11 @@ class Child:
 
     def send(self, message: dict[str, Any]) -> None:
         """Send one line of JSON."""
-        with contextlib.suppress(BrokenPipeError):  # a dead child is told by the end of its events
+        with contextlib.suppress(BrokenPipeError):  # the end of the events shows that the child has ended
             os.write(self.jobs, (json.dumps(message) + "\n").encode())
 
     def read_output(self) -> bool:
-        """Drain what the estimator printed, keeping its end. False at the end of the stream."""
+        """Read the printed output of the estimator, and keep its end. False at the end of the stream."""
         data = _read(self.output)
         if data is None:
             return True
@@ -91,7 +91,7 @@ class Child:
         return bool(data)
 
     def read_events(self) -> tuple[list[dict[str, Any]], bool]:
-        """Whole lines of events, and whether the pipe is still open. A line that is no event ends the child."""
+        """Complete lines of events, and whether the pipe is still open. A line that is not an event ends the child."""
         data = _read(self.events)
         if data is None:
             return [], True
@@ -103,7 +103,7 @@ class Child:
         return events, bool(data)
 
     def resident_bytes(self) -> int:
-        """Resident memory of the child and of all that it started, as far as they were found."""
+        """Resident memory of the child and of its known descendants, bytes."""
         import psutil
 
         total = 0
@@ -119,7 +119,7 @@ class Child:
         return total
 
     def ended(self, timeout_s: float) -> bool:
-        """Wait for the child's end without reaping it, so that its group keeps its number until it is killed."""
+        """Wait for the end of the child without reaping it, so that its process group keeps its id until it is killed."""
         until = time.monotonic() + timeout_s
         while os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None:
             if time.monotonic() > until:
@@ -133,7 +133,7 @@ class Child:
             os.killpg(self.process.pid, signal.SIGKILL)
 
     def end(self, *, kill: bool) -> int:
-        """Close the pipes, let the child go or kill it and all that it started, and return its exit code."""
+        """Close the pipes, wait for the child or kill it with its descendants, and return its exit code."""
         import psutil
 
         if self.process.returncode is not None:
@@ -148,7 +148,7 @@ class Child:
         if not kill:
             self.ended(2.0)
         self.kill()
-        for member in (*self._descendants, *descendants):  # those that left the group
+        for member in (*self._descendants, *descendants):  # descendants that left the group
             with contextlib.suppress(psutil.Error):
                 member.kill()
         code = self.process.wait()
@@ -159,7 +159,7 @@ class Child:
 
 
 def _read(fd: int) -> bytes | None:
-    """Up to 64 KiB; b"" at the end, None where nothing waits."""
+    """Up to 64 KiB; b"" at the end of the stream, None if no data are waiting."""
     try:
         return os.read(fd, 1 << 16)
     except BlockingIOError:

@@ -1,7 +1,7 @@
-"""What passes between runner and child: arrays as .npy files (never pickled), everything else as lines of JSON.
+"""The protocol between runner and child: arrays as .npy files (never pickled), everything else as lines of JSON.
 
-Folder of one capture: `<variable>.npy` for every variable and coordinate, `meta-<condition>.json` with the dims and
-attributes of each. The child maps the arrays read-only. Its answer is one .npy per result variable and one JSON line.
+Folder of one capture: `<variable>.npy` for every variable and coordinate, `meta-<condition>.json` with the dimensions
+and attributes of each. The child maps the arrays read-only. Its result is one .npy file per variable and one line of JSON.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_r
 #: Longest dimension that an estimator may choose.
 _LONGEST = 65536
 
-#: Set to 1 in the child's environment, before anything is imported there.
+#: Variables that are set to 1 in the child's environment, before it imports anything.
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "NUMEXPR_NUM_THREADS",
     "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "RAYON_NUM_THREADS", "DRJIT_NUM_THREADS",
@@ -30,7 +30,7 @@ THREAD_VARIABLES = (
 
 
 def _plain(value: Any) -> Any:
-    """NumPy scalars and arrays in attributes as plain JSON values."""
+    """Plain JSON values in place of NumPy scalars and arrays in attributes."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     return value
@@ -41,10 +41,10 @@ def _attributes(attrs: Any) -> dict[str, Any]:
 
 
 def write_capture(folder: Path, capture: xr.Dataset) -> None:
-    """Write the arrays of a capture whose truth is hidden.
+    """Write the arrays of a capture without truth.
 
     Raises:
-        ValueError: the capture still holds truth. Nothing is written then.
+        ValueError: the capture holds truth; then nothing is written.
     """
     names = [str(name) for name in capture.variables]
     if held := [name for name in [*names, *map(str, capture.attrs)] if name.startswith("truth_")]:
@@ -57,7 +57,7 @@ def write_capture(folder: Path, capture: xr.Dataset) -> None:
 
 
 def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
-    """Write dims and attributes of a capture as one condition presents them."""
+    """Write the dimensions and attributes of a capture under one condition."""
     variables = {
         str(name): {
             "dims": [str(dim) for dim in variable.dims],
@@ -71,28 +71,28 @@ def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
 
 
 def open_capture(folder: Path, condition: str) -> xr.Dataset:
-    """Map a capture's arrays read-only and build the dataset that an estimator gets."""
+    """Map a capture's arrays read-only, and build the dataset for an estimator."""
     meta = json.loads((folder / f"meta-{condition}.json").read_text(encoding="utf-8"))
     data: dict[str, Any] = {}
     coords: dict[str, Any] = {}
     for name, entry in meta["variables"].items():
         array = np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
-        # A plain view of the mapping: read-only, and its flag cannot be switched on since the base's is off.
+        # A view of a read-only mapping: its flag `writeable` cannot be set, because the base is read-only.
         (coords if entry["coordinate"] else data)[name] = (entry["dims"], array.view(np.ndarray), entry["attrs"])
     return xr.Dataset(data, coords=coords, attrs=meta["attrs"])
 
 
 def file_sums(folder: Path) -> dict[str, int]:
-    """CRC-32 of every file of a capture: tells whether an estimator changed what the next one reads."""
+    """CRC-32 of every file of a capture, which shows whether an estimator has changed the input of the next one."""
     return {path.name: zlib.crc32(path.read_bytes()) for path in sorted(folder.iterdir())}
 
 
 def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]) -> str:
-    """What is wrong with the shape of one array of a result, or "".
+    """Reason why the shape of one array of a result is wrong, or "".
 
     Main arguments:
-        dims, shape: of the array `name`. sizes: known lengths of dimensions: the capture's, and those that arrays before this
-            one chose; a dimension that it lacks is added.
+        dims, shape: dimensions and shape of the array `name`.
+        sizes: lengths of the capture's dimensions, and of those that earlier arrays chose; new dimensions are added.
     """
     if len(shape) != len(dims):
         return f"{name} has shape {shape}, not one length for each of {dims}"
@@ -100,15 +100,15 @@ def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: d
         if dim not in sizes and not 0 < length <= _LONGEST:
             return f"{name} has {length} of dimension {dim}, not 1 to {_LONGEST}"
         sizes.setdefault(dim, length)
-    wanted = tuple(sizes[dim] for dim in dims)
-    return "" if shape == wanted else f"{name} has shape {shape}, not {wanted} {dims}"
+    expected = tuple(sizes[dim] for dim in dims)
+    return "" if shape == expected else f"{name} has shape {shape}, not {expected} {dims}"
 
 
 def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dict[str, np.ndarray], str]:
-    """Read and check what a child wrote: (arrays, "") or ({}, what is wrong). Never unpickles; checks before it loads.
+    """Read and check a child's result: (arrays, "") or ({}, reason). Never unpickles, and checks before it loads.
 
     Main arguments:
-        stage: of the estimator. sizes: of the capture's dimensions.
+        stage: stage of the estimator. sizes: lengths of the capture's dimensions.
 
     Checked: presence, shape, kind (floats, `valid` boolean), finite values and finite positive `sigma` where valid.
     """
@@ -135,7 +135,7 @@ def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dic
 
 
 def _not_finite(arrays: dict[str, np.ndarray], stage: Stage, quantity: Quantity) -> str:
-    """What is wrong with the numbers of a quantity, or ""."""
+    """Reason why the numbers of a quantity are invalid, or ""."""
     names = stage.variables(quantity)
     value, sigma = arrays[names.value], arrays[names.sigma]
     valid = arrays[names.valid].reshape(arrays[names.valid].shape + (1,) * len(quantity.components))

@@ -1,12 +1,12 @@
-"""Answers kept between runs: the same capture, estimator, parameters and machine need not be measured twice.
+"""Cache of results between runs: equal captures, estimators, parameters and machines need not be measured twice.
 
-The key is a SHA-256 over everything that an answer can depend on: every byte that the child is shown (arrays, and the
-declared rig of the condition), the label with its parameters, the estimator's source, the versions of the packages, and
-the machine. Only answers with status "ok" are kept: a failure or a skip is tried anew. Scores are computed from the
-answer each time, so that truth, bounds and thresholds never come from here; times and memory are those of the first
-measurement, and marked so (costs.csv, `source`).
+The key is a SHA-256 of everything on which a result can depend: every byte that the child reads (arrays, and the declared
+rig of the condition), the label with its parameters, the estimator's source, the versions of the packages, and the machine.
+Only results with status "ok" are stored; failures and skips are tried again. Scores are computed anew from every result, so
+that truth, bounds and thresholds never come from the cache. Times and memory are those of the first measurement, and marked
+as such (costs.csv, `source`).
 
-A run uses it only when told to (`--cache`): times are half of what a run tells, and by default they are measured.
+A run uses the cache only with `--cache`: times are half of the result of a run, and by default they are measured.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .session import Job, Outcome
 
 __all__ = ["ResultCache", "cache_root", "source_of"]
 
-#: The oldest answers go when the cache grows over this.
+#: Largest size of the cache; beyond it the oldest results are deleted.
 _MOST_BYTES = 2 * 2**30
 _COSTS = ("cpu_s", "wall_s", "peak_bytes")
 
@@ -43,10 +43,10 @@ def cache_root() -> Path:
 
 @lru_cache(maxsize=64)
 def source_of(name: str) -> str:
-    """A hash of an estimator's source and version, "" where its source cannot be named: then nothing is kept of it.
+    """A hash of an estimator's source and version; "" if its source is unknown, so that its results are not stored.
 
-    Built-ins share one hash of the rooms that estimators may import. A plug-in's is over its distribution's files;
-    one that is installed for editing lists none of its own, and is not kept.
+    Built-in estimators share one hash of the folders that estimators may import. The hash of a plug-in is over the files of
+    its distribution; a distribution that is installed for editing lists none, so its results are not stored.
     """
     from ...estimators import BUILTIN
 
@@ -82,17 +82,17 @@ def _rooms() -> str:
     for room in ("estimators", "optics", "captures", "scenes"):
         spec = importlib.util.find_spec(f"beambench.{room}")
         if spec is None or not spec.submodule_search_locations:
-            raise InputError("A room of the package is missing.", where=str(folder), value=room)
+            raise InputError("A folder of the package is missing.", where=str(folder), value=room)
         place = Path(next(iter(spec.submodule_search_locations)))
-        # Weights that ship count as source.
+        # Built-in weights count as source.
         for path in sorted([*place.rglob("*.py"), *place.rglob("*.npz")]):
             digest.update(f"{room}/{path.relative_to(place)}".encode() + path.read_bytes())
-    digest.update((folder / "child.py").read_bytes())  # how a call is timed
+    digest.update((folder / "child.py").read_bytes())  # the code that times a call
     return digest.hexdigest()
 
 
 def _named_files(label: str) -> list[str]:
-    """SHA-256 of the files that a label's parameters name (weights): their path alone does not tell what is in them."""
+    """SHA-256 of the files that a label's parameters name (weights), as a path does not identify the contents."""
     from ...estimators.labels import parse_label
 
     values = [value for value in parse_label(label)[1].values() if isinstance(value, str) and os.path.isabs(value)]
@@ -100,10 +100,10 @@ def _named_files(label: str) -> list[str]:
 
 
 class ResultCache:
-    """Answers on disk, one file each.
+    """Results on disk, one file each.
 
     Main arguments:
-        root: the folder; made when first written. `hits` and `kept` count what was found and added.
+        root: the folder; created on the first write. `hits` and `kept` count the results that were read and stored.
     """
 
     def __init__(self, root: Path | None = None) -> None:
@@ -113,7 +113,7 @@ class ResultCache:
         self._captures: dict[tuple[Path, str], str] = {}
 
     def key(self, job: Job, chosen: Chosen) -> str:
-        """The answer's name, "" where the estimator's source is unknown."""
+        """The key of a result; "" if the estimator's source is unknown."""
         source = source_of(chosen.name)
         if not source:
             return ""
@@ -132,7 +132,7 @@ class ResultCache:
         return self._captures[place]
 
     def get(self, job: Job, chosen: Chosen) -> Outcome | None:
-        """The kept answer, None where there is none or its file is damaged."""
+        """The stored result; None if there is none or its file is damaged."""
         key = self.key(job, chosen)
         path = self.root / f"{key}.npz"
         if not key or not path.is_file():
@@ -159,7 +159,7 @@ class ResultCache:
         )  # fmt: skip
 
     def put(self, outcome: Outcome, chosen: Chosen) -> None:
-        """Keep an answer, unless it is a failure. A cache that cannot be written is left alone."""
+        """Store a result, unless it is a failure. Nothing happens if the cache cannot be written."""
         key = self.key(outcome.job, chosen) if outcome.status == "ok" else ""
         if not key:
             return
@@ -183,7 +183,7 @@ class ResultCache:
         self.kept += 1
 
     def prune(self) -> None:
-        """Remove the oldest answers until the cache is within its size."""
+        """Delete the oldest results until the cache is within its size."""
         if not self.root.is_dir():
             return
         found = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in self.root.glob("*.npz"))

@@ -1,8 +1,8 @@
-"""Run one estimator over many captures in a child process; whatever the child does becomes a status, no exception.
+"""Run one estimator on many captures in a child process; every failure of the child becomes a status, not an exception.
 
-The child is watched, not trusted: wall time, resident memory (of it and its descendants, by polling) and printed output
-are limited here, and a child that crashes, hangs or grows is killed with its whole process group and started again for
-the captures that remain.
+The parent supervises the child: it limits wall time, resident memory (of the child and its descendants, by polling) and
+printed output. A child that crashes, hangs or exceeds its memory is killed with its process group, and started again for the
+remaining captures.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from ...captures.layouts import layout_of, stage_of, stages
 from ...captures.quantities import Stage
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
+from .house import HOUSE, house_error
 from .process import Child
 from .protocol import read_results
 
 __all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
 
-#: How often the parent looks at the child's memory, s. A child can grow past its limit by what it fills in this time.
+#: Interval at which the parent measures the child's memory, s. In this time a child can grow beyond its limit.
 _POLL_S = 0.02
 _REFUSED = "error: refused: "
 
@@ -40,8 +41,8 @@ _REFUSED = "error: refused: "
 class Job:
     """One capture under one condition for one estimator.
 
-    `sizes`: lengths of the capture's dimensions. `timed` False: one call, without its times and memory, which costs less
-    where only the answer counts.
+    `sizes`: lengths of the capture's dimensions. `timed`: False makes a single call without times and memory, which is
+    cheaper if only the estimate is needed.
     """
 
     index: int
@@ -53,16 +54,16 @@ class Job:
 
     @property
     def elements(self) -> int:
-        """How many elements (pixels, shots, rows) the capture has."""
+        """Number of elements (pixels, shots, rows) of the capture."""
         return math.prod(self.sizes[dim] for dim in layout_of(self.modality).element)
 
 
 @dataclass
 class Outcome:
-    """What came of a job. `status` is "ok", or one of crash:, timeout:, memory:, flood:, error:, invalid:, skip:.
+    """Result of a job. `status` is "ok", or begins with one of crash:, timeout:, memory:, flood:, error:, invalid:, skip:.
 
-    `stage`: of the estimator; the modality's first where the estimator ended before it could tell.
-    `cpu_s`, `wall_s`: median over the timed calls, which `cpu_calls` and `wall_calls` hold one by one.
+    `stage`: stage of the estimator; the modality's first if the estimator ended before it reported its stage.
+    `cpu_s`, `wall_s`: medians over the timed calls, s; `cpu_calls`, `wall_calls`: the times of the single calls, s.
     """
 
     job: Job
@@ -78,7 +79,7 @@ class Outcome:
 
     @property
     def stage(self) -> Stage:
-        """The estimator's stage; the first of the capture's modality where the estimator is of another one."""
+        """The stage of the estimator; the first of the capture's modality if the estimator is of another modality."""
         first = layout_of(self.job.modality).stages[0]
         if not self.word:
             return first
@@ -89,12 +90,12 @@ class Outcome:
 class Session:
     """One estimator and its jobs: start, warm up, then run.
 
-    The three are apart so that several estimators may start and compile side by side, while timed calls have the
-    machine to themselves. Starting and running belong to one thread: a child ends with the thread that started it.
+    The three steps are separate so that several estimators can start and compile in parallel, while a timed call has the
+    machine to itself. The same thread must start and run a session, because a child ends with the thread that started it.
 
     Main arguments:
-        label: the estimator, `name[key=value]`. jobs: in order, at least one. limits: per capture.
-        scratch: a private folder for the child's answers; each is deleted when it has been handed on.
+        label: the estimator, `name[key=value]`. jobs: at least one, in order. limits: limits per capture.
+        scratch: a private folder for the child's results, each of which is deleted after it was passed on.
     """
 
     def __init__(self, label: str, jobs: Sequence[Job], limits: Limits, scratch: Path) -> None:
@@ -105,19 +106,21 @@ class Session:
         self._answered = False
 
     def start(self) -> None:
-        """Start the child; it imports meanwhile."""
+        """Start the child, which then imports its modules."""
         self._child = Child(self.label, self.scratch / "cwd")
 
     def warm_up(self) -> None:
-        """Let the child call its estimator on the first capture, untimed. What fails here is told by `run`."""
+        """Call the estimator on the first capture, untimed. `run` reports a failure of this call."""
         if self._child is not None and self.jobs:
             self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
 
     def run(self, on_outcome: Callable[[Outcome], None]) -> None:
-        """Do all jobs, starting the child again where needed, and hand each outcome on.
+        """Carry out all jobs, restart the child where needed, and pass each outcome on.
 
-        An estimator that exceeds its limits `limits.give_up_after` times in a row is not started again: its remaining
-        jobs are "skip: gave up ...", which scores like a refusal of every element.
+        Raises InputError where the machine failed: no estimator is scored for that.
+
+        An estimator that exceeds its limits `limits.give_up_after` times in a row is not started again. The status of its
+        remaining jobs is "skip: gave up ...", which is scored like a refusal of every element.
         """
         exceeded = 0
         for number, job in enumerate(self.jobs):
@@ -133,19 +136,21 @@ class Session:
                 assert self._child is not None
                 outcome = self._attempt(self._child, job, only_warm=False)
             assert outcome is not None
+            if outcome.status.startswith(HOUSE):
+                raise house_error(self.label, outcome.status)
             if not outcome.status.startswith(GAVE_UP):
                 exceeded = exceeded + 1 if outcome.status.startswith(("timeout:", "memory:")) else 0
             on_outcome(outcome)
             shutil.rmtree(self._answer(job), ignore_errors=True)
 
     def close(self, *, kill: bool = False) -> None:
-        """Let the child go, or kill it."""
+        """End the child, and kill it if it does not end."""
         if self._child is not None:
             self._child.end(kill=kill)
             self._child = None
 
     def kill(self) -> None:
-        """End the child at once; whoever waits for it is told of a crash. Safe from any thread."""
+        """Kill the child at once; a thread that waits for it gets a crash. Safe from any thread."""
         if (child := self._child) is not None:
             child.kill()
 
@@ -153,14 +158,14 @@ class Session:
         return self.scratch / f"answer-{job.index}-{job.condition}"
 
     def _attempt(self, child: Child, job: Job, *, only_warm: bool) -> Outcome | None:
-        """One job, or its warm-up alone (None: it is warm). A child that cannot go on is ended."""
+        """Carry out one job, or only its warm-up (then None on success). A child that cannot continue is ended."""
         outcome, alive = _one(child, job, self.limits, self._answer(job), only_warm)
         if not alive:
             self.close(kill=True)
             assert outcome is not None
             if outcome.status.startswith(_REFUSED):
                 reason = outcome.status.removeprefix(_REFUSED)
-                # A skip is told before the first capture is answered, or it is an error: none is left out by choice.
+                # A skip must be reported before the first estimate; later it is an error, so that no capture is skipped by choice.
                 skipped = reason.startswith("skip: ") and not self._answered
                 outcome.status = self._refused = reason if skipped else f"error: {reason}"
         elif outcome is not None:
@@ -171,14 +176,14 @@ class Session:
 def run_jobs(
     label: str, jobs: Sequence[Job], limits: Limits, scratch: Path, on_outcome: Callable[[Outcome], None]
 ) -> None:
-    """Run one estimator over `jobs` in one child, started again where needed. Arguments as for `Session`."""
+    """Run one estimator on `jobs` in one child, restarted where needed. Arguments as for `Session`."""
     run_sessions([Session(label, jobs, limits, scratch)], lambda _, outcome: on_outcome(outcome))
 
 
 def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome], None]) -> None:
-    """Run sessions in waves of as many as there are cores: warm-ups side by side, then timed calls one at a time.
+    """Run sessions in groups, one per core: warm-ups in parallel, then timed calls one at a time.
 
-    `on_outcome` gets the session's number and what came of each job.
+    `on_outcome` is called with the number of the session and the outcome of each job.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -191,7 +196,7 @@ def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome
             with ThreadPoolExecutor(max_workers=width) as pool:
                 try:
                     list(pool.map(lambda item: item[1].warm_up(), wave))
-                except BaseException:  # Ctrl-C: the threads wait for their children, so these go first
+                except BaseException:  # Ctrl-C: the threads wait for their children, so these are killed first
                     for _, session in wave:
                         session.kill()
                     raise
@@ -204,7 +209,7 @@ def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome
 
 
 def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) -> tuple[Outcome | None, bool]:
-    """Send one job and wait for what comes of it (None: warm, which was all), and whether the child can go on."""
+    """Send one job and wait: its outcome (None after a warm-up), and whether the child can continue."""
     child.printed, child.tail = 0, b""
     message = {
         "job": job.index, "input": str(job.folder), "condition": job.condition, "output": str(answer),
@@ -238,6 +243,8 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
                         if only_warm:
                             return None, True
                         deadline = time.monotonic() + limits.time_s
+                    elif kind == "house":
+                        return _outcome(child, job, HOUSE + _line(event)), False
                     elif kind in ("error", "memory", "invalid", "skip"):
                         return _outcome(child, job, f"{kind}: {_line(event)}"), True
                     elif kind == "done":
@@ -274,7 +281,7 @@ def _outcome(child: Child, job: Job, status: str) -> Outcome:
 
 
 def _line(event: dict[str, Any]) -> str:
-    """The event's message on one line, shortened: it stands in a table."""
+    """The message of an event in one short line, for a table."""
     return " ".join(str(event.get("message", "")).split())[:300]
 
 

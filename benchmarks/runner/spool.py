@@ -1,4 +1,4 @@
-"""The parent's scratch space of a run: captures as children may see them and, apart, what scores them."""
+"""Temporary files of a run: captures that children read and, in a separate folder, the truth that scores them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["Entry", "Spool", "unusable"]
 
 @dataclass(frozen=True)
 class Entry:
-    """One spooled capture: its cell, where children find it, the sums of its files, and its size in bytes."""
+    """One spooled capture: its cell, its folder for children, the checksums of its files, and its size in bytes."""
 
     index: int
     cell: Cell
@@ -37,7 +37,7 @@ class Entry:
 
 
 def unusable(error: OSError) -> InputError:
-    """What to tell of a temporary folder that is full or cannot be written."""
+    """The error of a temporary folder that is full or cannot be written."""
     return InputError(
         "The folder for temporary files cannot be used.",
         where=tempfile.gettempdir(),
@@ -47,9 +47,9 @@ def unusable(error: OSError) -> InputError:
 
 
 class Spool:
-    """Two private folders, removed at the end: `open` is named to children, `closed` never is.
+    """Two private folders, deleted at the end: children know the path of `open`, but never that of `closed`.
 
-    Captures and truth lie on disk, so that memory holds one capture at a time whatever the suite's size.
+    Captures and truth are on disk, so that one capture is in memory at a time, for suites of any size.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Spool:
         truth: Mapping[str, Truth],
         bound: Mapping[str, Bound],
     ) -> Entry:
-        """Spool a capture under each condition (name -> what it does to a capture whose truth is hidden).
+        """Spool a capture under each condition (name -> function that changes a capture without truth).
 
         Raises:
             InputError: the temporary folder is full or cannot be written.
@@ -107,22 +107,22 @@ class Spool:
         return Entry(index, cell, folder, str(capture.attrs["modality"]), sizes, file_sums(folder), size)
 
     def truth(self, entry: Entry) -> tuple[dict[str, Truth], dict[str, Bound]]:
-        """What an entry's estimates are scored by."""
+        """The truth and the bound that score the estimates of an entry."""
         with np.load(self.closed / f"{entry.index:06d}.npz", allow_pickle=False) as data:
             return _nested(dict(data))
 
     def intact(self, entry: Entry) -> bool:
-        """Whether the capture's files are as they were written."""
+        """Whether the files of the capture are unchanged."""
         return entry.folder.is_dir() and file_sums(entry.folder) == entry.sums
 
     def drop(self, entry: Entry) -> None:
-        """Remove an entry."""
+        """Delete an entry."""
         shutil.rmtree(entry.folder, ignore_errors=True)
         (self.closed / f"{entry.index:06d}.npz").unlink(missing_ok=True)
 
 
 def _flat(truth: Mapping[str, Truth], bound: Mapping[str, Bound]) -> dict[str, np.ndarray[Any, Any]]:
-    """Truth and bounds as named arrays."""
+    """Truth and bounds as arrays by name."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     for name, true in truth.items():
         arrays |= {f"{name}:value": true.value, f"{name}:mixed": true.mixed}

@@ -1,1 +1,1 @@
-"""The score tables: errors, failures, efficiency, costs."""
+"""Score tables: errors, failures and efficiency of estimates."""

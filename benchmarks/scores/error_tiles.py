@@ -1,8 +1,8 @@
-"""Squared errors by tile of a capture: what two estimators of one capture are compared on (errors_by_tile.npz).
+"""Squared errors by tile of a capture, on which two estimators are compared (errors_by_tile.npz).
 
-Estimators of a run read the same pixels with the same noise, so tile by tile they share what is hard. The file holds, for
-scenes as written, the sum over each tile of the squared error of its unmixed elements, where an element without an
-answer has the error of a guess within the window: √(Σ sums/Σ counts) is `rmse_full`.
+The estimators of a run read the same pixels with the same noise, so that the difficulty of a tile is the same for all. For
+unchanged scenes the file holds the sum over each tile of the squared errors of its unmixed elements. An invalid element has
+the error of a random guess within the window: √(Σ sums/Σ counts) is `rmse_full`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .truth import Bound, Truth, errors_of, single_valued
 __all__ = ["FILE", "TileKey", "read_tiles", "tile_sums", "tiles_of", "write_tiles"]
 
 Float = npt.NDArray[np.float64]
-#: scene, condition, seed, estimator's label.
+#: (scene, condition, seed, label of the estimator).
 TileKey = tuple[str, str, int, str]
 
 FILE = "errors_by_tile.npz"
@@ -31,8 +31,8 @@ _TILES = 64
 
 
 def tiles_of(shape: tuple[int, ...]) -> npt.NDArray[np.intp]:
-    """A tile's number for every element: at most 8 × 8 tiles of the first two dimensions, 64 runs of a record of shots.
-    Further dimensions (returns of a row, components) share the tile of their place."""
+    """The tile number of every element: at most 8 × 8 tiles over the first two dimensions, or 64 along a record of shots.
+    Further dimensions (returns of a row, components) do not change the tile."""
     if len(shape) == 1:
         return np.asarray(np.arange(shape[0]) * min(_TILES, shape[0]) // max(shape[0], 1), np.intp)
     side = math.isqrt(_TILES)
@@ -42,7 +42,7 @@ def tiles_of(shape: tuple[int, ...]) -> npt.NDArray[np.intp]:
 
 
 def tile_sums(estimate: tuple[Float, npt.NDArray[np.bool_]] | None, truth: Truth, bound: Bound) -> tuple[Float, Float]:
-    """(sums, counts) per tile (64) of one estimate (value, valid); None, where there is none: every element is refused."""
+    """(sums, counts) per tile (64) of one estimate (value, valid); without an estimate (None) every element is invalid."""
     chosen = single_valued(truth)
     tile = tiles_of(truth.value.shape)[chosen]
     counts = np.bincount(tile, minlength=_TILES).astype(np.float64)
@@ -55,7 +55,7 @@ def tile_sums(estimate: tuple[Float, npt.NDArray[np.bool_]] | None, truth: Truth
 
 
 def write_tiles(folder: Path, tiles: Mapping[TileKey, tuple[Float, Float]]) -> None:
-    """Write the file of a run, whole or not at all; equal runs give equal bytes."""
+    """Write the file of a run, completely or not at all; equal runs give equal bytes."""
     keys = sorted(tiles)
     names = np.array([json.dumps(key) for key in keys], dtype=np.str_)
     values = [np.array([tiles[key][part] for key in keys], np.float64).reshape(len(keys), -1) for part in (0, 1)]
@@ -68,7 +68,7 @@ def write_tiles(folder: Path, tiles: Mapping[TileKey, tuple[Float, Float]]) -> N
 
 
 def read_tiles(folder: Path) -> dict[TileKey, tuple[Float, Float]]:
-    """{(scene, condition, seed, label): (sums, counts)}; empty where a folder has no such file.
+    """{(scene, condition, seed, label): (sums, counts)}; empty if the folder has no such file.
 
     Raises:
         InputError: the file is damaged.

@@ -1,24 +1,24 @@
-"""Scores of one estimate against the truth: every column of the table, for unmixed and for mixed elements apart.
+"""Scores of one estimate against the truth: every column of the table, separately for unmixed and mixed elements.
 
-With e = estimate − truth over the n elements that have a truth, V those of them marked valid, b the bound and X the
-failure threshold:
+With e = estimate − truth over the n elements with truth, V the valid ones of these, b the bound and X the failure
+threshold:
 
-    coverage = |V|/n                    failure_rate = share of n invalid or with |e| > L,
-                                        L = max(X, min(5 b, 2 X, or the scale if that is more))
+    coverage = |V|/n                    failure_rate = fraction of n invalid or with |e| > L,
+                                        L = max(X, min(5 b, max(2 X, scale)))
     bias, rmse, mae, p95 over V         rmse_full: invalid elements count with the prior's error, window/√12
     bound = √mean(b²) over V            efficiency = 1/mean((e/b)²) over V, outliers included;
     z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or the bias is real
-    cover95 = share of V with |e| ≤ 1.96 σ
+    cover95 = fraction of V with |e| ≤ 1.96 σ
 
-A bias is real where |bias| exceeds .1 rmse by more than chance explains, 3 rmse/√|V| (`statistics.pooled.bias_is_real`).
-`efficiency_lo`, `_hi` are NaN where a few blocks of pixels hold most of the squared error (`concentrated`).
+A bias is real if |bias| exceeds .1 rmse by more than 3 standard errors, 3 rmse/√|V| (`statistics.pooled.bias_is_real`).
+`efficiency_lo`, `_hi` are NaN if a few blocks of pixels hold most of the squared error (`concentrated`).
 X is half of the bound's scale (for ranges ½·cσ_R/2n_g, σ_R the standard deviation of the response R), or the suite's
-`failure_at`. L is five bounds as long as that is within the echo; an answer off by more than the echo's own width has found
-something else, and fails however little light there was. `bound_kind` is "exact" or "quasi" where all elements of the row
-are regular, that is where the Cramér-Rao bound can be reached, and "ziv-zakai" or "bayes" where not (`bounds.regular`).
-A mixed element has several true values, such as the two surfaces that a pixel sees: its error is the signed distance to the
-nearest, so that a range between two surfaces, where nothing is, is an error; no bound is asserted. A run that did not end
-"ok" has coverage 0 and failure rate 1.
+`failure_at`. L is five bounds, but not beyond the width of the echo: an estimate with a larger error follows something other
+than the echo, and fails however weak the light is. `bound_kind` is "exact" or "quasi" if all elements of the row are regular,
+i.e. if the Cramér-Rao bound can be reached, otherwise "ziv-zakai" or "bayes" (`bounds.regular`). A mixed element has several
+true values, such as the ranges of two surfaces in one pixel. Its error is the signed distance to the nearest one, so that a
+range in the gap between two surfaces is an error; no bound is asserted. A run with another status than "ok" has coverage 0
+and failure rate 1.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ __all__ = ["ACCURACY", "COLUMNS", "KEY", "REGULAR_KINDS", "TIMES", "mixed_name",
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
-#: What names a row, before `modality,quantity`.
+#: Key columns of a row, before `modality,quantity`.
 KEY = (
     "suite", "scene", "stress", "level", "stress2", "level2", "seed", "condition", "stage", "estimator", "params",
 )  # fmt: skip
@@ -48,11 +48,11 @@ COLUMNS = (
     "mae", "p95", "bound", "bound_kind", "efficiency", "efficiency_lo", "efficiency_hi", "z_rms", "cover95", "cpu_s",
     "wall_s", "throughput", "peak_bytes", "status",
 )  # fmt: skip
-#: Columns that differ between two runs of equal seeds; all others are byte-identical on one machine.
+#: Columns that differ between two runs with equal seeds; all others are byte-identical on one machine.
 TIMES = ("cpu_s", "wall_s", "throughput", "peak_bytes")
 ACCURACY = tuple(name for name in COLUMNS if name not in TIMES)
 
-#: Kinds of bound of a row all of whose elements are regular.
+#: Kinds of the bound of a row with regular elements only.
 REGULAR_KINDS = ("exact", "quasi")
 
 _EFFICIENT_COVERAGE = 0.99
@@ -71,15 +71,15 @@ def score_rows(
     peak_bytes: float = math.nan,
     failure_at: float | None = None,
 ) -> list[dict[str, Any]]:
-    """The table's rows for one estimate: one per quantity of the stage that has a truth, and one of its mixed elements.
+    """The rows of one estimate: one per quantity of the stage with truth, and one for its mixed elements.
 
     Main arguments:
-        key: values of the key columns but `stage`. stage: of the estimator.
-        truth, bound: by the name of the quantity; a quantity without truth has no row.
-        estimate: the stage's variables by name, or None if there is none.
-        status: "ok", or what went wrong: then the estimate is not looked at.
+        key: values of the key columns except `stage`. stage: stage of the estimator.
+        truth, bound: by name of the quantity; a quantity without truth has no row.
+        estimate: the stage's variables by name, or None.
+        status: "ok", or the reason of a failure; then the estimate is ignored.
     Other arguments:
-        failure_at: see `failure_limit`; of the first quantity.
+        failure_at: see `failure_limit`; for the main quantity only.
     """
     rows: list[dict[str, Any]] = []
     for number, quantity in enumerate(stage.gives):
@@ -104,7 +104,7 @@ def score_rows(
 def _quantity_rows(
     quantity: Quantity, truth: Truth, bound: Bound, estimate: tuple[Float, Float, Bool] | None, failure_at: float | None
 ) -> list[dict[str, Any]]:
-    """Figures of the elements with one true value, and of mixed ones where there are any."""
+    """Scores of the elements with one true value, and of the mixed elements, if any."""
     shape = truth.value.shape
     has_truth = np.isfinite(truth.value)
     if estimate is None:
@@ -135,12 +135,12 @@ def _quantity_rows(
 
 
 def mixed_name(quantity: str) -> str:
-    """What the table calls a quantity of mixed elements."""
+    """Name in the table of a quantity of mixed elements."""
     return f"{quantity}-mixed"
 
 
 def _kind(bound: Bound, sigma: Float) -> str:
-    """Elements whose bound exceeds the prior's error are held at it, so that the mean is no longer an exact bound."""
+    """The kind of a bound whose elements are limited to the prior's error, which is then no longer exact."""
     return "quasi" if bound.kind == "exact" and np.any(sigma > bound.prior) else bound.kind
 
 

@@ -1,12 +1,12 @@
 """summary.csv: seeds pooled per scene, stress level, condition and estimator, with intervals.
 
-Squares are pooled as squares (weights: elements). Seeds are what varies independently, so that all intervals are over
-seeds, and none is told with one seed: of rates that of proportions in clusters (`clustered_interval`; where no element
-failed, or all, each seed counts as one element), of `rmse_full` Student's t of the mean square's logarithm, of `efficiency`
-that of its inverse. An efficiency is NaN where a seed has none or where the pooled bias is real (`statistics.bias_is_real`), its
-interval where few seeds hold most of the squared error (`statistics.concentrated`). With one seed the interval of the
-efficiency is the one over blocks of pixels. `regular` is the share of seeds whose bound is the Cramér-Rao bound, reached
-by an efficient estimator ("exact", "quasi"); `bound_kind` is the weakest of theirs.
+Mean squares are pooled, weighted by the number of elements. Only seeds are independent, so that all intervals are over seeds,
+and a single seed has none. Rates have the interval of proportions in clusters (`clustered_interval`; if no element failed, or
+all did, each seed counts as one element), `rmse_full` Student's t of the logarithm of the mean square, and `efficiency` that
+of its inverse. An efficiency is NaN if a seed has none or if the pooled bias is real (`statistics.bias_is_real`); its interval
+is NaN if few seeds hold most of the squared error (`statistics.concentrated`). With one seed the interval of the efficiency
+is the one over blocks of pixels. `regular` is the fraction of seeds whose bound is the Cramér-Rao bound, which an efficient
+estimator reaches ("exact", "quasi"); `bound_kind` is the weakest kind of all seeds.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ SUMMARY_COLUMNS = (
 
 
 def _mean_interval(values: list[float], weights: list[float]) -> tuple[float, float]:
-    """95 % interval of the mean Σ w v/Σ w of what is not negative over independent seeds; it holds that mean.
+    """95 % interval of the mean Σ w v/Σ w of non-negative values of independent seeds; it contains that mean.
 
-    Student's t of the logarithm, linearised: squares are skewed, and nothing lies below zero. (NaN, NaN) with one seed.
+    Student's t of the logarithm, linearised, because squares are skewed and not negative. (NaN, NaN) with one seed.
     """
     from scipy.stats import t
 
@@ -61,7 +61,7 @@ def _mean(values: list[float], weights: list[float]) -> float:
 
 
 def summarise(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Pool the seeds of each cell; the order of first appearance is kept."""
+    """Pool the seeds of each cell, in the order of first appearance."""
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault(tuple(str(row[name]) for name in _GROUP), []).append(row)
@@ -101,7 +101,7 @@ def _pool(group: list[dict[str, Any]]) -> dict[str, Any]:
         "bound_kind": weakest_kind(kinds),
         "regular": _mean([math.nan if k == "none" else float(k in REGULAR_KINDS) for k in kinds], [1.0] * len(kinds)),
         "efficiency": 1.0 / float(np.mean(whole)) if whole else math.nan,
-        # An interval of 1/efficiency is inverted.
+        # The interval is that of 1/efficiency, inverted.
         "efficiency_lo": float(first["efficiency_lo"]) if one else 1.0 / high,
         "efficiency_hi": float(first["efficiency_hi"]) if one else 1.0 / low,
         "z_rms": math.sqrt(_mean([v * v for v in column("z_rms")], valid)),

@@ -29,7 +29,7 @@ _TEXTS = (
     "suite", "scene", "stress", "stress2", "condition", "stage", "estimator", "params", "modality", "quantity", "unit",
     "bound_kind", "status",
 )  # fmt: skip
-#: Levels are read as they are written, so that their digits name a cell.
+#: Columns of levels, which are read as text, because their digits identify a cell.
 _READ_AS_TEXT = (*_TEXTS, "level", "level2")
 
 
@@ -40,7 +40,7 @@ def _field(value: Any) -> str:
 
 
 def to_csv(rows: Iterable[dict[str, Any]], columns: Sequence[str]) -> str:
-    """CSV text of some columns (RFC 4180, lines ended by a line feed)."""
+    """CSV text of the given columns (RFC 4180, with line feeds)."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)
@@ -49,7 +49,7 @@ def to_csv(rows: Iterable[dict[str, Any]], columns: Sequence[str]) -> str:
 
 
 def _sort_key(row: dict[str, Any]) -> tuple[Any, ...]:
-    """The key columns and the quantity; NaN first, so that scenes as written come before stressed ones."""
+    """Key columns and quantity; NaN comes first, so that unchanged scenes precede stressed ones."""
     return tuple(
         (0, -math.inf) if isinstance(value, float) and math.isnan(value) else (1, value)
         for value in (row[name] for name in (*KEY, "quantity"))
@@ -57,12 +57,12 @@ def _sort_key(row: dict[str, Any]) -> tuple[Any, ...]:
 
 
 def sort_rows(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows in the order of their key."""
+    """The rows, sorted by key."""
     return sorted(rows, key=_sort_key)
 
 
 def write_tables(folder: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write all tables of a run into `folder`, each whole or not at all."""
+    """Write all tables of a run into `folder`, each completely or not at all."""
     ordered = sort_rows(rows)
     write_text(folder / "scores.csv", to_csv(ordered, COLUMNS))
     write_text(folder / "accuracy.csv", to_csv(ordered, ACCURACY))
@@ -84,12 +84,12 @@ def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def read_scores(path: str | Path) -> pd.DataFrame:
-    """Read a score table: a run's folder, or its scores.csv or scores.parquet. This is the one reader of such tables.
+    """Read a score table from the folder of a run, or from scores.csv or scores.parquet. All code reads them with this function.
 
-    Texts and levels are text ("" where empty), all else floats (NaN where empty); columns that are not known are kept.
+    Texts and levels are text ("" if empty), all other columns floats (NaN if empty); unknown columns are kept.
 
     Raises:
-        InputError: there is no table, it cannot be read, or a column is missing or holds something else than numbers.
+        InputError: there is no table, it cannot be read, or a column is missing or holds other values than numbers.
     """
     import pandas as pd
 
@@ -109,7 +109,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
         if path.suffix == ".parquet":
             table = pd.read_parquet(path)
         else:
-            # Text stays text: the default reading would turn a scene named "NA" into a missing value.
+            # By default pandas would read a scene named "NA" as a missing value.
             blanks = {name: ["", "nan", "NaN"] for name in numbers}
             table = pd.read_csv(path, dtype=dict.fromkeys(_READ_AS_TEXT, str), keep_default_na=False, na_values=blanks)
     except (OSError, ValueError, UnicodeDecodeError) as error:
@@ -135,10 +135,10 @@ def read_scores(path: str | Path) -> pd.DataFrame:
 
 
 def read_numbers(path: Path, numbers: Sequence[str], what: str) -> list[dict[str, Any]]:
-    """The rows of a CSV file, the columns `numbers` as floats (NaN where empty); none where there is no such file.
+    """The rows of a CSV file, with the columns `numbers` as floats (NaN if empty); no rows if the file does not exist.
 
     Raises:
-        InputError: the file is no such table; the message begins with `what`.
+        InputError: the file is not such a table; the message begins with `what`.
     """
     if not path.is_file():
         return []

@@ -1,4 +1,4 @@
-"""What estimates are compared with: the truth of a quantity, its bound, the error of an answer, and when it has failed."""
+"""The reference of estimates: the truth of a quantity, its bound, the error of an estimate, and the limit of failure."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Truth:
     """The truth of one quantity.
 
     Main arguments:
-        value: in the quantity's unit and dimensions, NaN where there is none.
-        mixed: of the same shape; elements for which several values are right, as for a pixel that sees two surfaces.
-        alternatives: arrays of those values, of the same shape; the nearest one counts.
+        value: true values in the quantity's unit and dimensions, NaN where unknown.
+        mixed: flags of the same shape; elements with several true values, e.g. a pixel that sees two surfaces.
+        alternatives: arrays of these values, of the same shape; the nearest one counts.
     """
 
     value: Float
@@ -33,20 +33,20 @@ class Truth:
 
     @classmethod
     def plain(cls, value: Any) -> Truth:
-        """The truth of a quantity whose elements each have one right value."""
+        """The truth of a quantity with one true value per element."""
         array = np.asarray(value, np.float64)
         return cls(array, np.zeros(array.shape, bool))
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Bound of the standard error per element, and what sets the scale of failure; all in the quantity's unit.
+    """Bound of the standard error per element, and the scales of failure, all in the unit of the quantity.
 
     Main arguments:
-        sigma: of the truth's shape; infinite where the capture holds no information, NaN where there is no truth.
-        kind: "exact" or "quasi"; "ziv-zakai" or "bayes"; "none".
-        scale: width of the echo, line or spot, as a standard deviation: an answer off by more has followed something else.
-        window: span of values that the capture can answer.
+        sigma: bound in the shape of the truth; infinite without information, NaN without truth.
+        kind: "exact", "quasi", "ziv-zakai", "bayes" or "none".
+        scale: width of the echo, line or spot, as a standard deviation; an estimate with a larger error follows another signal.
+        window: span of the values that can be estimated from the capture.
     """
 
     sigma: Float
@@ -56,18 +56,17 @@ class Bound:
 
     @property
     def prior(self) -> float:
-        """Standard error of an answer that is drawn evenly over the window: window/√12."""
+        """Standard error of an estimate drawn uniformly from the window: window/√12."""
         return self.window / math.sqrt(12.0)
 
 
 def single_valued(truth: Truth) -> Bool:
-    """Elements that have one true value."""
+    """Elements with exactly one true value."""
     return np.asarray(np.isfinite(truth.value) & ~truth.mixed)
 
 
 def errors_of(estimate: Float, truth: Truth) -> Float:
-    """estimate − truth; for mixed elements the signed distance to the nearest of the alternatives. NaN where either is
-    missing."""
+    """estimate − truth; for mixed elements the signed distance to the nearest alternative. NaN where either is missing."""
     error = estimate - truth.value
     if not truth.alternatives or not truth.mixed.any():
         return error
@@ -79,26 +78,26 @@ def errors_of(estimate: Float, truth: Truth) -> Float:
 
 
 def failure_limit(sigma: Float, bound: Bound, failure_at: float | None = None) -> Float:
-    """|error| beyond which an element has failed: five bounds, but at least X and at most the larger of 2X and the scale; X
-    where there is no bound.
+    """|error| above which an element has failed: five bounds, but at least X and at most the larger of 2X and the scale;
+    X without a bound.
 
     Main arguments:
-        sigma: bounds of the elements wanted, any shape. bound: of the capture, for its scale.
+        sigma: bounds of the elements, any shape. bound: the bound of the capture, for its scale.
     Other arguments:
         failure_at: X; half of the scale if None.
     """
     at = failure_at if failure_at is not None else 0.5 * bound.scale
-    # fmax: elements without a bound are judged by X.
+    # fmax: the limit is X for elements without a bound.
     return np.asarray(np.minimum(np.fmax(5.0 * sigma, at), max(2.0 * at, bound.scale)), np.float64)
 
 
 def aligned(
     arrays: dict[str, npt.NDArray[Any]], stage: Stage, quantity: Quantity, shape: tuple[int, ...]
 ) -> tuple[Float, Float, Bool]:
-    """Value, sigma and valid of a quantity in the truth's shape.
+    """Value, sigma and valid of a quantity, in the shape of the truth.
 
-    A dimension that the estimator chose may be longer or shorter than the truth's: what lies beyond the truth is left out,
-    what is lacking is invalid. `valid` is repeated over the components of an element.
+    The length of a dimension that the estimator chose may differ from the truth's: additional elements are left out, missing
+    ones are invalid. `valid` is repeated over the components of an element.
     """
     names = stage.variables(quantity)
     value, sigma = (np.asarray(arrays[name], np.float64) for name in (names.value, names.sigma))

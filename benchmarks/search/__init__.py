@@ -1,1 +1,1 @@
-"""Searches for failure: sweeps, failure maps, breakdown levels, and `break`."""
+"""Searches for the conditions under which estimators fail: sweeps, failure maps, breakdown levels, and `break`."""

@@ -1,7 +1,7 @@
-"""A bench: captures and estimators kept at hand, so that a search may ask for one more cell at a time.
+"""The bench: keeps captures and estimators ready, so that a search can request one cell after another.
 
-`run_suite` knows all of its cells beforehand; a failure map or a search for bugs learns from one which comes next. The
-estimators run in the same watched children, and are scored by the same functions, as in a run.
+`run_suite` knows all its cells in advance; a failure map or a search for bugs chooses each cell from the results of the
+earlier ones. Estimators run in the same supervised child processes, and are scored by the same functions, as in a run.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ __all__ = ["Answer", "Bench", "trials_of"]
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
-#: Captures stay on disk until they fill this much; the oldest go first, and are made again if asked for.
+#: Captures stay on disk up to this total size; the oldest are deleted first, and generated again on request.
 _KEPT_BYTES = 2**30
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One estimator's answer to one capture: its first quantity, over the unmixed elements with a truth (n).
+    """Result of one estimator on one capture: its main quantity, over the n unmixed elements with truth.
 
     Main arguments:
-        status: "ok" or what went wrong, then every element counts as failed. rows: of the score table.
-        error (n): in the quantity's unit, NaN where there is none. valid (n).
+        status: "ok", or the reason of a failure; then every element counts as failed. rows: rows of the score table.
+        error (n): error in the unit of the quantity, NaN without an estimate. valid (n): the flags of the estimate.
         limit (n): |error| beyond which an element has failed.
     """
 
@@ -56,7 +56,7 @@ class Answer:
 
     @property
     def row(self) -> dict[str, Any]:
-        """The score of the unmixed elements."""
+        """The score row of the unmixed elements."""
         return self.rows[0]
 
 
@@ -64,10 +64,10 @@ class Bench:
     """Generate cells and run estimators on them, on demand. Use in a `with` block.
 
     Main arguments:
-        chosen: the estimators. limits: of their children.
+        chosen: the estimators. limits: limits of their child processes.
     Other arguments:
-        fidelity, rtol: of the generator. failure_at: see `score_rows`.
-        condition: what changes a hidden capture before estimators read it: (cell, capture) -> rig as declared.
+        fidelity, rtol: arguments of the generator. failure_at: see `score_rows`.
+        condition: function (cell, capture) -> declared rig that replaces the one of the capture for the estimators.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Bench:
     def answer(
         self, cells: Sequence[Cell], labels: Sequence[str] | None = None, *, timed: bool = False
     ) -> list[dict[str, Answer]]:
-        """Each estimator's answer to each cell, with its times and memory if `timed`."""
+        """The result of each estimator on each cell, with its times and memory if `timed`."""
         answers: list[dict[str, Answer]] = []
         for cell in cells:
             entry = self._entry(cell)
@@ -125,7 +125,7 @@ class Bench:
     def variants(
         self, cell: Cell, label: str, changes: Mapping[str, Callable[[xr.Dataset], xr.Dataset]]
     ) -> tuple[dict[str, Outcome], Mapping[str, Truth], Mapping[str, Bound]]:
-        """An estimator's outcome on changed versions of one cell's hidden capture, and what it is scored by."""
+        """Outcomes of an estimator on changed versions of a cell's capture, and the truth and bound to score them with."""
         capture, hidden = self._generate(cell)
         outcomes = {}
         for name, change in changes.items():
@@ -211,13 +211,13 @@ def _key(cell: Cell) -> tuple[Any, ...]:
 
 
 def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> list[Trial]:
-    """Count the failures of one scene at one level, seed by seed, by mode.
+    """Count the failures of one scene at one level, by seed and by mode.
 
     A failed element is biased if its displacement repeats: its usual error, the median over the other seeds, is at least
     half of its error, on the same side, and clearly larger than the spread of errors about their usual ones over seeds
     and failed elements (`_repeats`); else it is an outlier. With one seed the usual error is the capture's median, its
-    spread that over elements. An element without an answer is a refusal; a capture without an estimate is a crash of all
-    its elements.
+    spread that over elements. An element without a valid estimate is a refusal; in a capture without an estimate all
+    elements count as crashes.
     """
     fine = [answer for answer in answers if answer.status == "ok"]
     trials = []
@@ -237,29 +237,30 @@ def trials_of(scene: str, seeds: Sequence[int], answers: Sequence[Answer]) -> li
     return trials
 
 
-#: Of a robust standard deviation: how far a displacement stands out from its spread, and how far errors lie about it.
+#: In robust standard deviations: the least size of a displacement relative to its spread, and the largest distance of errors
+#: from it.
 _STANDS_OUT = 2.0
 _LIES_WITHIN = 3.0
 _DEVIATIONS = 1.4826  # standard deviations of a normal law in its median absolute deviation
 
 
 def _repeats(fine: Sequence[Answer], far: Sequence[Bool]) -> list[Bool]:
-    """Which errors of each capture are displacements that repeat.
+    """Flags of the errors of each capture that are repeated displacements.
 
-    Independent errors all over a window of which the target is not in the middle have a median too; what they lack is a
-    median that is clear of their spread: 2 of its (robust) standard deviations, which a uniform law reaches nowhere.
+    Independent errors that fill a window also have a median other than zero, if the target is not in its middle. Such a
+    median never exceeds 2 robust standard deviations of the errors, as a uniform distribution shows; hence the threshold.
     """
     if len(fine) == 1:
         valid = fine[0].error[fine[0].valid]
         usual = [np.full(far[0].shape, np.median(valid) if valid.size else 0.0)]
-        told = [fine[0].valid]
+        used = [fine[0].valid]
     else:
         rest = [np.stack([a.error for k, a in enumerate(fine) if k != number]) for number in range(len(fine))]
         usual = [_median(others) for others in rest]
         failed = np.logical_or.reduce(list(far)) if fine else np.zeros(0, bool)
-        told = [failed & a.valid & np.isfinite(others).any(axis=0) for a, others in zip(fine, rest, strict=True)]
+        used = [failed & a.valid & np.isfinite(others).any(axis=0) for a, others in zip(fine, rest, strict=True)]
     off = [np.abs(a.error - centre) for a, centre in zip(fine, usual, strict=True)]
-    pooled = np.concatenate([values[mask] for values, mask in zip(off, told, strict=True)]) if fine else np.zeros(0)
+    pooled = np.concatenate([values[mask] for values, mask in zip(off, used, strict=True)]) if fine else np.zeros(0)
     spread = _DEVIATIONS * float(np.median(pooled)) if pooled.size else 0.0
     found = []
     with np.errstate(invalid="ignore"):
@@ -271,7 +272,7 @@ def _repeats(fine: Sequence[Answer], far: Sequence[Bool]) -> list[Bool]:
 
 
 def _median(error: Float) -> Float:
-    """Median over the first axis of what is there; 0 where nothing is."""
+    """Median of the finite values along the first axis; 0 where none is finite."""
     there = np.isfinite(error)
     ordered = np.sort(np.where(there, error, np.inf), axis=0)
     count = there.sum(axis=0)

@@ -1,4 +1,4 @@
-"""The arguments of a search for an estimator's failures: checked, and completed with the modality's usual neighbours."""
+"""Check the arguments of a search for failures of an estimator; add the modality's default neighbours and scenes."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Plan:
     """The checked arguments of a search.
 
     Main arguments:
-        target: the estimator. others: its neighbours. scenes: names or paths. loaded: the scenes, made small.
-        base: overrides of every scene, those that make it small among them. overrides: those that were given.
+        target: the estimator. others: its neighbours. scenes: names or paths. loaded: the scenes, reduced in size.
+        base: overrides of every scene, including those that reduce its size. overrides: the overrides as given.
         side, factor, budget, seed: see `plan_break`.
     """
 
@@ -53,20 +53,19 @@ def plan_break(
 
     Main arguments:
         name: the estimator's label.
-        neighbours: labels to compare with; those of the modality's judge by default.
-        scenes: names or paths, the plainest first; those of the modality's judge by default. overrides: of every scene.
+        neighbours: labels of estimators to compare with; by default those of the modality's judge.
+        scenes: names or paths, the simplest first; by default those of the modality's judge. overrides: for every scene.
     Other arguments:
-        side: a capture has side² elements: few, since a find needs no resolution.
+        side: a capture has side² elements; a search needs no resolution, so that few are enough.
         factor, budget, seed: see `search_and_shrink`.
 
     Raises:
-        InputError: an unknown estimator, scene or override; no neighbour; scenes of two modalities; a number out of range.
+        InputError: an estimator, scene or override is unknown, there is no neighbour, the scenes have different modalities, or
+            a number is out of range.
     """
     (target,) = check_estimators([name])
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(
-            "A seed should be a whole number of at least 0.", where="seed", value=seed, allowed="0, 1, 2, …"
-        )
+        raise InputError("A seed must be a whole number of at least 0.", where="seed", value=seed, allowed="0, 1, 2, …")
     if not (1 <= budget <= 100_000 and factor > 1 and 2 <= side <= 1024):
         raise InputError(
             "A number of the search is out of range.",
@@ -78,7 +77,7 @@ def plan_break(
     modalities = {load_scene(scene).modality for scene in scenes}
     if len(modalities) != 1:
         raise InputError(
-            "The scenes of one search should be of one modality.", where="scenes", value=sorted(modalities)
+            "All scenes of a search must be of the same modality.", where="scenes", value=sorted(modalities)
         )
     modality = modalities.pop()
     others = [one for one in check_estimators(neighbours or judge_of(modality).neighbours) if one.label != target.label]
@@ -94,8 +93,8 @@ def plan_break(
 
 
 def _modality(name: str) -> str:
-    """The modality of the captures that a built-in reads. Code of a plug-in is never imported here: without named scenes,
-    its modality is taken to be the first one."""
+    """The modality of the captures that a built-in estimator reads. This function never imports a plug-in: without named
+    scenes, a plug-in is assumed to read the first modality."""
     from ...estimators import BUILTIN
     from ...estimators.registry import get_estimator
 

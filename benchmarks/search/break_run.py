@@ -1,4 +1,4 @@
-"""Break an estimator on generated captures: the search of `breaker` over scenes, and the files that it writes."""
+"""Search generated captures for failures of an estimator with `breaker`, and write the files of the search."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class BreakResult:
     """The outcome of a search.
 
     Main arguments:
-        out: folder with search.csv, run.json and, after a find, the suite file.
-        found: whether the estimator fails against its neighbours somewhere.
-        ratio: its full RMSE over the best one's there; a crash counts as ten times.
-        scene, levels: of the find, or of the worst candidate where there is no find.
-        spec: the suite file that repeats the find, None without one.
-        rows: the scores there, of the estimator and its neighbours.
-        judged: number of captures judged. wall_s: time taken.
+        out: folder with search.csv, run.json and, if a failure was detected, its suite file.
+        found: whether a failure was detected, in comparison with the neighbours.
+        ratio: full RMSE of the estimator over the smallest one; a crash counts as a factor of ten.
+        scene, levels: scene and levels of the failure; without a failure, of the worst candidate.
+        spec: the suite file that repeats the failure; None without a failure.
+        rows: scores of the estimator and its neighbours on that scene.
+        judged: number of captures judged. wall_s: duration of the search, s.
     """
 
     out: Path
@@ -57,7 +57,7 @@ class BreakResult:
 
 
 class _Judge:
-    """Badness of a candidate: log10 of the estimator's full RMSE over the best of all estimators, or the local bound."""
+    """Badness of a candidate: log10 of the estimator's full RMSE over the smallest of all estimators', or over the local bound."""
 
     def __init__(self, bench: Bench, label: str, scenes: Mapping[str, Scene], log: Path, seed: int) -> None:
         self.bench, self.label, self.scenes = bench, label, scenes
@@ -66,22 +66,22 @@ class _Judge:
         write_text(log, to_csv([], _COLUMNS))
 
     def cell(self, candidate: Candidate, seed: int) -> tuple[Cell, dict[str, Any]]:
-        """The cell as `beambench run` makes it from the written suite, and the overrides."""
+        """The cell as `beambench run` makes it from the written suite file, and the overrides."""
         scene, overrides = stressed(self.scenes[candidate.scene], candidate.levels)
         nan, key = math.nan, capture_key(scene.name, CELL_NONE, math.nan)
         return Cell(scene.name, scene, CELL_NONE, nan, CELL_NONE, nan, seed, key), overrides
 
     def answers(self, candidate: Candidate, seed: int) -> dict[str, dict[str, Any]]:
-        """Score row by label."""
+        """The score rows, by label."""
         cell, _ = self.cell(candidate, seed)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # targets outside the gates and the like: the search goes there on purpose
+            warnings.simplefilter("ignore")  # e.g. targets outside the gates, which the search tries on purpose
             (answers,) = self.bench.answer([cell])
         return {label: answer.row for label, answer in answers.items()}
 
     def __call__(self, candidate: Candidate, seed: int) -> float:
         badness = self._judged(candidate, seed)
-        if seed == self._seed:  # as it goes, so that an interrupted search leaves what it judged
+        if seed == self._seed:  # row by row, so that an interrupted search leaves what it has judged
             with open(self._log, "a", encoding="utf-8") as file:
                 file.write(_table([(candidate, badness)]).partition("\n")[2])
         return badness
@@ -89,7 +89,7 @@ class _Judge:
     def _judged(self, candidate: Candidate, seed: int) -> float:
         try:
             rows = self.answers(candidate, seed)
-        except InputError:  # levels that no scene can have together, or no element with a truth
+        except InputError:  # the levels contradict each other, or no element has truth
             self.impossible += 1
             return -math.inf
         own = rows[self.label]
@@ -100,8 +100,8 @@ class _Judge:
         applicable = [row for label, row in rows.items() if label != self.label and not not_applicable(row["status"])]
         best = min((row["rmse_full"] for row in applicable), default=math.inf)
         best = max(min(best, own["rmse_full"]), 1e-12)
-        # A local bound keeps a lucky neighbour from making all others look bad. Bounds near the threshold hold rare
-        # outliers that captures of this size do not show: there the neighbours alone are the measure.
+        # With the local bound, one lucky neighbour does not make all others look bad. Bounds near the threshold include rare
+        # outliers that captures of this size do not show: there only the neighbours are compared.
         bounds = [row["bound"] for row in rows.values() if row["bound"] > 0 and row["bound_kind"] in ("exact", "quasi")]
         reference = max([best, *bounds[:1]])
         badness = math.log10(own["rmse_full"] / reference) if own["rmse_full"] > 0 else -math.inf
@@ -117,15 +117,15 @@ def break_estimator(
     command: Sequence[str] = (),
     **arguments: Any,
 ) -> BreakResult:
-    """Search for a scene in which an estimator fails against its neighbours, and write it into `out`.
+    """Search for a scene in which an estimator fails but its neighbours do not, and write it into `out`.
 
     Main arguments:
-        name: the estimator's label, or a plan that was checked before. out: a folder that exists.
+        name: the label of the estimator, or a checked plan. out: an existing folder.
     Other arguments:
         neighbours, scenes, overrides, side, factor, budget, seed: see `plan_break`.
-        time_limit_s: per capture and estimator.
+        time_limit_s: time limit per capture and estimator, s.
 
-    search.csv grows with the search, so that an interrupted one leaves all that it judged.
+    search.csv is written row by row, so that an interrupted search leaves what it has judged.
 
     Raises:
         InputError: as `plan_break`.
@@ -166,7 +166,7 @@ def break_estimator(
 def _write_find(
     plan: Plan, candidate: Candidate, rows: Sequence[Mapping[str, Any]], changes: Mapping[str, Any], out: Path
 ) -> Path:
-    """Write the suite file that repeats a find; gives its path."""
+    """Write the suite file that repeats a failure, and return its path."""
     spec = out / f"break-{plan.target.name}.toml"
     labels = [plan.target.label, *(one.label for one in plan.others)]
     note = _note(plan.target.label, candidate, rows)
@@ -176,7 +176,7 @@ def _write_find(
 
 
 def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -> str:
-    """One line for people: the estimator's error, the best one's, the bound, and the levels."""
+    """Summary in one line: the estimator's error, the smallest one, the bound, and the levels."""
     where = ", ".join(f"{axis} = {level:g}" for axis, level in candidate.levels) or "as written"
     own, others = rows[0], [row for row in rows[1:] if not not_applicable(row["status"])] or rows[:1]
     best = min(others, key=lambda row: row["rmse_full"])
@@ -189,7 +189,7 @@ def _note(label: str, candidate: Candidate, rows: Sequence[Mapping[str, Any]]) -
 
 
 def _table(seen: Sequence[tuple[Candidate, float]]) -> str:
-    """search.csv: every candidate with its badness, in the order of the search; empty for an impossible candidate."""
+    """The rows of search.csv: every candidate with its badness, in the order of the search; empty for an impossible one."""
     rows = [
         {
             "scene": candidate.scene,

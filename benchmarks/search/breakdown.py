@@ -1,15 +1,16 @@
-"""breakdown.csv: at which level of a stress each estimator breaks down, how, and how stable it is just before.
+"""breakdown.csv: the level of a stress at which each estimator breaks down, its mode of failure, and its stability below it.
 
 Columns: modality, suite, estimator, axis, unit; `level10` with its 95 % interval `lo`, `hi`, `level50` with `lo50`,
-`hi50` (see `failure_map`); an empty field is an end that lies outside the levels of the suite. `mode` is the way in
-which most elements fail at the measured level nearest to `level50` that fails: bias, outlier, refusal or crash; "none"
-where the estimator holds over the whole axis.
+`hi50` (see `failure_map`); an empty field is an end outside the levels of the suite. `mode` is the most frequent mode of
+failure (bias, outlier, refusal or crash) at the failing level closest to `level50`; "none" if the estimator fails at no
+level of the axis.
 
-`float32_vs_64` and `gain_1dn` tell what happens to the ranges when the same counts come as float32 instead of float64,
-and when 1 DN is added to every sample: the rms change over elements valid in both, in units of the rms bound of those
-elements, at the last level certainly below the 10 % edge. An element that becomes invalid, or valid, counts with the
-prior's error. Below about .1 nobody can tell; above 1 the change costs more than the noise. Empty where an estimator
-does not take such counts, or fails at every level. `condition`: what the estimator was told of the rig, as in scores.csv.
+`float32_vs_64` and `gain_1dn` state how far the estimates move when the same counts are given as float32 instead of
+float64, and when 1 DN is added to every sample: the rms change over elements that are valid in both, in units of the rms
+bound of those elements, at the last level that is below the 10 % edge with certainty. An element that becomes invalid, or
+valid, counts with the prior's error. A change below about .1 is invisible; one above 1 costs more than the noise. The field
+is empty if the estimator does not accept such counts, or fails at every level. `condition`: the condition of the declared
+rig, as in scores.csv.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ def breakdown_row(
     """One row of the table.
 
     Main arguments:
-        key: modality, suite, estimator, axis, unit, condition. levels: as the suite gave them, from benign to breaking.
-        found: the map along the axis, with the edges of 10 % and 50 %.
+        key: modality, suite, estimator, axis, unit, condition. levels: levels of the suite, from benign to breaking.
+        found: the map along the axis, with the edges at 10 % and 50 %.
     """
     falling = levels[-1] < levels[0]
     fields: dict[str, Any] = {}
@@ -71,7 +72,7 @@ def breakdown_row(
 
 
 def _mode(levels: Sequence[float], found: EdgeMap) -> str:
-    """How it fails at the first level with half of the elements failed, else at the worst one over 10 %."""
+    """Mode of failure at the first level with half of the elements failed, otherwise at the worst level over 10 %."""
     ordered = found.ordered(levels)
     rates = [failure_rate(found.trials[level,]) for level in ordered]
     for level, rate in zip(ordered, rates, strict=True):
@@ -82,8 +83,8 @@ def _mode(levels: Sequence[float], found: EdgeMap) -> str:
 
 
 def calm_level(levels: Sequence[float], found: EdgeMap) -> float | None:
-    """Where stability is tested: the last measured level certainly below the 10 % edge; the first level where the seeds
-    are too few for certainty; None where that fails already."""
+    """The level at which stability is tested: the last measured one that is below the 10 % edge with certainty, or the first
+    level if the seeds are too few for certainty; None if the first level fails already."""
     start = found.edges[0].start
     if not math.isnan(start):
         return start
@@ -109,15 +110,15 @@ def _as_is(hidden: xr.Dataset) -> xr.Dataset:
     return hidden
 
 
-#: The versions of a capture whose answers are compared: float32 with float64, and +1 DN with the counts as they are.
+#: Versions of a capture whose estimates are compared: float32 with float64, and counts + 1 DN with the unchanged counts.
 VARIANTS: dict[str, Any] = {
     "float32": _float("float32"), "float64": _float("float64"), "as-is": _as_is, "one-more": _one_more,
 }  # fmt: skip
 
 
 def change_in_bounds(a: Outcome, b: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, Bound]) -> float:
-    """The rms difference of two answers over unmixed elements with a truth, in units of the rms bound, of the quantity that
-    is scored first; NaN if one is no answer."""
+    """The rms difference of two estimates of the main quantity over unmixed elements with truth, in units of the rms bound;
+    NaN if an estimate is missing."""
     if a.status != "ok" or b.status != "ok":
         return math.nan
     quantity = a.stage.gives[0]
@@ -141,8 +142,8 @@ def map_rows(key: Mapping[str, str], found: EdgeMap) -> list[dict[str, Any]]:
     """failure_map.csv: one row per measured point and scene, and one per point over all scenes (scene "all").
 
     Main arguments:
-        key: modality, suite, estimator, axis, unit, axis2, unit2, condition. `lo`, `hi`: 95 % interval of the rate at that point
-        alone.
+        key: modality, suite, estimator, axis, unit, axis2, unit2, condition. `lo`, `hi`: 95 % interval of the rate at that point,
+        from its own trials.
     """
     spread = dispersion(found.trials.values())
     rows = []
@@ -162,6 +163,6 @@ def map_rows(key: Mapping[str, str], found: EdgeMap) -> list[dict[str, Any]]:
 
 
 def write_breakdown(folder: Path, rows: Iterable[Mapping[str, Any]], maps: Iterable[Mapping[str, Any]]) -> None:
-    """Write breakdown.csv and failure_map.csv, each whole or not at all."""
+    """Write breakdown.csv and failure_map.csv, each completely or not at all."""
     write_text(folder / "breakdown.csv", to_csv([dict(row) for row in rows], BREAKDOWN_COLUMNS))
     write_text(folder / "failure_map.csv", to_csv([dict(row) for row in maps], MAP_COLUMNS))

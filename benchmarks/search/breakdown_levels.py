@@ -1,10 +1,10 @@
-"""At which level of a stress each estimator breaks down, scene by scene and condition by condition, from a run's scores.
+"""Breakdown level of each estimator per scene, condition and stress, from the scores of a run.
 
     python -m beambench.benchmarks.search.breakdown_levels RUN [RUN ...]
 
-`beambench sweep` refines levels at the edge and gives intervals; this reads the fixed levels of `beambench run`, which has
-all conditions and keeps scenes (waters, say) apart. The failure rates of all seeds at a level are pooled, and the first
-passage of 10 % and of 50 % is interpolated between levels.
+`beambench sweep` refines levels at the edge and gives intervals. This program reads the fixed levels of `beambench run`,
+which has all conditions and separates scenes (e.g. waters). It pools the failure rates of all seeds at a level, and
+interpolates between levels where the rate first passes 10 % and 50 %.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ LEVEL_COLUMNS = (
 
 
 def breaking_level(levels: Sequence[float], rates: Sequence[float], target: float) -> float:
-    """The level at which the rate first passes `target`, between two measured levels; NaN where none passes.
+    """The interpolated level at which the rate first passes `target`; NaN if it never does.
 
-    Levels run from benign to breaking. The first level itself where it fails already.
+    Levels run from benign to breaking. If the first level already fails, it is returned.
     """
     log = is_log(levels)
     for number, rate in enumerate(rates):
@@ -53,9 +53,9 @@ def level_rows(scores: pd.DataFrame, orders: dict[tuple[str, str], Sequence[floa
     """One row per scene, condition, axis and estimator of a run's scores.
 
     Main arguments:
-        scores: scores.csv as a table. orders: the levels of each (suite, axis), from benign to breaking.
+        scores: the table scores.csv. orders: levels of each (suite, axis), from benign to breaking.
 
-    Only the first quantity of a stage and its unmixed elements count, and stresses of one axis.
+    Rows of other quantities than a stage's main one, of mixed elements, and of stresses with two axes are left out.
     """
     first = [
         scored_first(*place) for place in zip(scores["modality"], scores["stage"], scores["quantity"], strict=True)
@@ -83,20 +83,20 @@ def level_rows(scores: pd.DataFrame, orders: dict[tuple[str, str], Sequence[floa
 
 
 def markdown(rows: Iterable[dict[str, Any]]) -> str:
-    """Tables of level10 / level50, one per axis, estimators down, scenes and conditions across. A dash: the rate is not
-    passed; the worst rate then stands in brackets."""
+    """Tables of level10 / level50, one per axis: a row per estimator, a column per scene and condition. A dash means that the
+    rate is never reached; the worst rate follows in brackets."""
     rows = list(rows)
     text: list[str] = []
     for axis in dict.fromkeys((r["suite"], r["axis"]) for r in rows):
-        mine = [r for r in rows if (r["suite"], r["axis"]) == axis]
-        columns = list(dict.fromkeys((r["scene"], r["condition"]) for r in mine))
+        selected = [r for r in rows if (r["suite"], r["axis"]) == axis]
+        columns = list(dict.fromkeys((r["scene"], r["condition"]) for r in selected))
         text += [f"**{axis[0]}** ({axis[1]}), level at 10 % / 50 % failed", ""]
         text += [
             "| estimator | " + " | ".join(f"{s}, {c}" for s, c in columns) + " |",
             "|---" * (1 + len(columns)) + "|",
         ]
-        for estimator in dict.fromkeys(r["estimator"] for r in mine):
-            cells = {(r["scene"], r["condition"]): _cell(r) for r in mine if r["estimator"] == estimator}
+        for estimator in dict.fromkeys(r["estimator"] for r in selected):
+            cells = {(r["scene"], r["condition"]): _cell(r) for r in selected if r["estimator"] == estimator}
             text.append(f"| `{estimator}` | " + " | ".join(cells.get(column, "") for column in columns) + " |")
         text.append("")
     return "\n".join(text)
@@ -108,7 +108,7 @@ def _cell(row: dict[str, Any]) -> str:
 
 
 def _orders(scores: pd.DataFrame) -> dict[tuple[str, str], Sequence[float]]:
-    """Levels in the order of the suite's file, where it ships; else rising."""
+    """Levels in the order of the suite file, if it is built in; otherwise rising."""
     from ..suites.suite import list_suites, load_suite
 
     suite = str(scores["suite"].iloc[0])
@@ -126,7 +126,7 @@ def _orders(scores: pd.DataFrame) -> dict[tuple[str, str], Sequence[float]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables of some runs."""
+    """Print the tables of the given runs."""
     import argparse
 
     from ..scores.tables import read_scores

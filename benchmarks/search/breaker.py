@@ -1,12 +1,12 @@
-"""`beambench break`: search the scene space for where an estimator fails against its neighbours, and make it small.
+"""`beambench break`: search for scenes in which an estimator fails but its neighbours do not, and simplify the failure.
 
-The badness of a candidate is log10 of the estimator's full RMSE over the best that anybody reaches there: the smallest
-full RMSE of its neighbours, or the local bound where that is larger. So scenes that are hard for everyone do not count. An
-estimator that crashes, hangs or breaks the contract has 1 added: its elements already count with the prior's error.
+The badness of a candidate is log10 of the estimator's full RMSE over a reference: the smallest full RMSE of its neighbours,
+or the local bound if that is larger. Therefore scenes that are hard for every estimator do not count. For an estimator that
+crashes, hangs or breaks the contract 1 is added, as its elements already count with the prior's error.
 
-Each axis is tried alone at both ends; of the rest of the budget 60 % is drawn at random and 40 % by mutation of the
-worst found so far, with steps that get narrower. A find is confirmed on another seed, shrunk, and written as a suite of
-at most ten lines that `beambench run` repeats, bit for bit.
+Each axis is tried alone at both ends. Of the remaining budget 60 % is drawn at random, and 40 % by mutation of the worst
+candidate so far, in ever smaller steps. A failure is confirmed with another seed, shrunk, and written as a suite of at most
+ten lines, which `beambench run` repeats bit for bit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .space import Candidate, Dimension, draw, ends, mutate
 
 __all__ = ["Find", "Judge", "Search", "search_and_shrink", "suite_text"]
 
-#: (candidate, seed) -> badness; −inf where the candidate is no possible scene.
+#: (candidate, seed) -> badness; −inf for a candidate that is not a possible scene.
 Judge = Callable[[Candidate, int], float]
 
 _POOL = 6
@@ -34,7 +34,7 @@ _WIDTHS = (0.25, 0.04)
 
 @dataclass(frozen=True)
 class Find:
-    """A failure: the smallest candidate that shows it, its badness there, and where the search first saw it."""
+    """A failure: the smallest candidate that shows it, its badness there, and the candidate that first showed it."""
 
     candidate: Candidate
     badness: float
@@ -44,7 +44,7 @@ class Find:
 
 @dataclass
 class Search:
-    """What a search saw: every candidate with its badness, in order, and the find if there is one."""
+    """Result of a search: every candidate with its badness, in order, and the failure, if one was detected."""
 
     seen: list[tuple[Candidate, float]] = field(default_factory=list)
     find: Find | None = None
@@ -52,12 +52,12 @@ class Search:
 
     @property
     def worst(self) -> tuple[Candidate, float]:
-        """The worst candidate of the search."""
+        """The candidate with the largest badness."""
         return max(self.seen, key=lambda pair: pair[1])
 
 
 class _Memory:
-    """Judge each candidate and seed once."""
+    """Judge each pair of candidate and seed only once."""
 
     def __init__(self, judge: Judge) -> None:
         self.judge, self.known = judge, dict[tuple[Candidate, int], float]()
@@ -83,11 +83,12 @@ def search_and_shrink(
     """Search the space, confirm the worst candidate, and shrink it.
 
     Main arguments:
-        judge: the badness of a candidate under a seed. scenes: names, the plainest first. space: the dimensions.
+        judge: returns the badness of a candidate with a seed. scenes: names, the simplest first. space: the dimensions.
     Other arguments:
-        factor: how many times worse than its best neighbour an estimator must be for a find; and than itself on the
-            plainest scene as written, so that being always worse is no find.
-        budget: candidates judged before shrinking. seed: of the search and, with the next one, of the captures.
+        factor: least ratio of the estimator's error to that of its best neighbour in a failure, and to its own error on the
+            unchanged simplest scene: an estimator that is always worse does not count as a failure.
+        budget: number of candidates judged before shrinking. seed: random seed of the search; it and the next one are the
+            seeds of the captures.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     remember = _Memory(judge)
@@ -119,7 +120,7 @@ def search_and_shrink(
     for badness, candidate in pool:
         if not fails(candidate, threshold):
             continue
-        # What is shrunk must stay the same failure: not below the threshold, nor far below what was found.
+        # The shrunk candidate must show the same failure: not below the threshold, nor far below the original badness.
         least = max(threshold, 0.7 * min(badness, remember(candidate, seed + 1)))
         progress("shrink", 0, 1, "")
         small = shrink(candidate, lambda c, least=least: fails(c, least), list(scenes), space)  # type: ignore[misc]
@@ -133,11 +134,11 @@ def search_and_shrink(
 def suite_text(
     name: str, note: str, scene: str, overrides: dict[str, Any], estimators: Sequence[str], seed: int, file: str
 ) -> str:
-    """The find as a suite file of at most ten lines.
+    """The failure as a suite file of at most ten lines.
 
     Main arguments:
-        name: of the suite. note: one line on what happens. scene: name or path. overrides: {path: value}.
-        estimators: labels. seed: of the capture. file: the name that the command in the first line repeats.
+        name: name of the suite. note: description in one line. scene: name or path. overrides: {path: value}.
+        estimators: labels. seed: random seed of the capture. file: name of the file, for the command in the first line.
     """
     lines = [f"# beambench run {file}", f"# {' '.join(note.split())}", f"suite = {json.dumps(name)}"]
     lines += [f"estimators = {json.dumps(list(estimators))}", f"seeds.test = [{seed}]", "[[scenes]]"]

@@ -1,14 +1,14 @@
-"""Where an estimator breaks down: failure rates along one axis, or over two, refined at the edge.
+"""Failure maps: failure rates of an estimator along one axis, or over two, refined at the edge of breakdown.
 
 Levels run from benign (first) to breaking (last). The breakdown level of a target rate q is where the failure rate,
-rising, first passes q. It is not fitted through levels on both sides: a level is *below* the edge if its upper bound
-is under q, and *beyond* it if its lower bound is over q, and the edge lies between the last certain level below and the
-first certain level beyond. That pair is the interval; its levels are halved until it is narrow, or until more levels
-would tell no more, since those inside it are too close to q for the seeds at hand.
+rising, first passes q. No curve is fitted: a level is *below* the edge if its upper bound is under q, and *beyond* it if its
+lower bound is over q. The edge lies between the last level that is certainly below and the first that is certainly beyond.
+These two levels are the interval. It is halved until it is narrow, or until the rates inside it are too close to q for the
+number of seeds, so that further levels would not narrow it.
 
-Every level can err on one side only, so with a budget of L levels and one-sided bounds at 0.05/L each the interval
-holds the edge with 95 % by Bonferroni's inequality, for any rate that rises through q once; no shape is assumed. The
-point inside it is where the isotonic regression of the rates (Barlow et al. 1972) passes q.
+Every level can err on one side only. Hence, with a budget of L levels and one-sided bounds at 0.05/L each, the interval
+contains the edge with 95 % probability by Bonferroni's inequality, for any rate that rises through q once. The reported
+level is where the isotonic regression of the rates (Barlow et al. 1972) passes q.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = [
 TARGETS = (0.1, 0.5)
 
 Point = tuple[float, ...]
-#: Trials at each of some points (one level per axis).
+#: Returns the trials at each of the given points (one level per axis).
 Evaluate = Callable[[Sequence[Point]], Mapping[Point, Sequence[Trial]]]
 
 _CONFIDENCE_ERROR = 0.05
@@ -43,7 +43,7 @@ _CONFIDENCE_ERROR = 0.05
 class Edge:
     """The level at which the failure rate passes `target`, and its interval from the benign side to the failing one.
 
-    NaN: not within the levels. `start` NaN: it may fail before the first level; `end` NaN: perhaps only after the last.
+    NaN: outside the levels. `start` is NaN if the edge may lie before the first level, `end` if it may lie after the last.
     """
 
     target: float
@@ -53,15 +53,15 @@ class Edge:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """(lo, hi) as numbers: where the axis breaks downwards, the failing side is the smaller number. An open side
+        """(lo, hi) in numerical order: on an axis whose levels fall, the failing side is the smaller number. An open side
         is NaN."""
         return self.start, self.end
 
 
 @dataclass
 class EdgeMap:
-    """All that was measured along an axis, or over two: trials at every point, the edges of an axis, and the cells of a
-    grid, (first level, second, first level2, second) each, which cover it without overlap."""
+    """Measurements along one axis, or over two: the trials at every point, the edges along an axis, and the cells of a grid,
+    each (first level, second, first level2, second), which cover the grid without overlap."""
 
     trials: dict[Point, list[Trial]] = field(default_factory=dict)
     edges: tuple[Edge, ...] = ()
@@ -74,7 +74,7 @@ class EdgeMap:
 
 
 def isotonic(value: Sequence[float], weight: Sequence[float]) -> list[float]:
-    """The rising sequence closest to `value` in weighted squares: pool adjacent violators (Barlow et al. 1972)."""
+    """The non-decreasing sequence closest to `value` in weighted least squares: pool adjacent violators (Barlow et al. 1972)."""
     blocks: list[list[float]] = []  # mean, weight, length
     for v, w in zip(value, weight, strict=True):
         blocks.append([v, w, 1.0])
@@ -90,12 +90,12 @@ def check_levels(levels: Sequence[float], axis: str) -> list[float]:
     """The levels as numbers.
 
     Raises:
-        InputError: fewer than two, or they run both ways.
+        InputError: there are fewer than two, or they neither rise nor fall throughout.
     """
     rising = sorted(set(levels))
     if len(rising) < 2 or len(rising) != len(levels) or list(levels) not in (rising, rising[::-1]):
         raise InputError(
-            "The levels of a failure map run one way, from benign to breaking.",
+            "The levels of a failure map must rise or fall throughout, from benign to breaking.",
             where=axis,
             value=list(levels),
             allowed="at least two levels, rising or falling",
@@ -103,9 +103,13 @@ def check_levels(levels: Sequence[float], axis: str) -> list[float]:
     return list(map(float, levels))
 
 
-def _middle(a: float, b: float, log: bool) -> float:
-    """Half-way, in few digits: levels stand in tables and in the keys of random streams."""
+def _middle(a: float, b: float, log: bool, whole: bool = False) -> float:
+    """Half-way, in few digits: levels stand in tables and in the keys of random streams. `whole`: a whole number; NaN where
+    there is none between."""
     exact = math.sqrt(a * b) if log else 0.5 * (a + b)
+    if whole:
+        low, high = math.floor(min(a, b)) + 1, math.ceil(max(a, b)) - 1
+        return float(min(max(round(exact), low), high)) if low <= high else math.nan
     for digits in range(3, 17):
         rounded = float(f"{exact:.{digits}g}")
         if min(a, b) < rounded < max(a, b) and abs(rounded - exact) <= 0.05 * abs(b - a):
@@ -135,7 +139,8 @@ def find_edge(levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], 
     """The edge from measured levels, ordered from benign to breaking.
 
     Main arguments:
-        trials: at every (level,). target: failure rate, 0 … 1. budget: levels that the interval's error is shared among.
+        trials: at every (level,). target: failure rate, 0 … 1. budget: number of levels that share the
+        probability of error of the interval.
     """
     start, _, end = _bracket(levels, trials, target, budget)
     axis = _Axis(levels)
@@ -146,7 +151,7 @@ def find_edge(levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], 
     for (a, p), (b, q) in pairwise(zip(used, rising, strict=True)):
         if p <= target < q:
             share = (target - p) / (q - p)
-            # A jump across the whole step tells nothing of where in it: the middle is the best guess.
+            # A jump across the whole step does not show its place in the step: the middle is the best guess.
             share = 0.5 if q - p > 0.75 else share
             level = axis.level(axis.position(a) + share * (axis.position(b) - axis.position(a)))
             break
@@ -160,7 +165,7 @@ def find_edge(levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], 
 def _bracket(
     levels: Sequence[float], trials: Mapping[Point, Sequence[Trial]], target: float, budget: int
 ) -> tuple[float, list[float], float]:
-    """(last level certainly below, unresolved levels, first level certainly beyond); NaN where there is none."""
+    """(last level certainly below, undecided levels, first level certainly beyond); NaN if there is no such level."""
     spread = dispersion(trials[level,] for level in levels)
     alpha = _CONFIDENCE_ERROR / max(budget, len(levels))
     start, end = math.nan, math.nan
@@ -185,18 +190,19 @@ def refine_axis(
     budget: int = 16,
     resolution: float = 0.01,
     axis: str = "axis",
+    whole: bool = False,
 ) -> EdgeMap:
     """Measure failure rates along an axis and halve the levels around each edge.
 
     Main arguments:
-        evaluate: trials at some points, each (level,). levels: to begin with, from benign to breaking.
+        evaluate: returns the trials at given points, each (level,). levels: first levels, from benign to breaking.
     Other arguments:
         targets: failure rates whose levels are sought. budget: the most levels measured.
         resolution: share of the span (of its logarithm, where the levels span a factor of 8) below which an interval is
-            not halved further.
+            not halved further. whole: levels are whole numbers, and neighbours are not halved.
 
     Raises:
-        InputError: levels that run both ways, or fewer than two.
+        InputError: fewer than two levels, or levels that neither rise nor fall throughout.
     """
     first = check_levels(levels, axis)
     scale = _Axis(first)
@@ -204,10 +210,10 @@ def refine_axis(
     found = EdgeMap({point: list(got) for point, got in evaluate([(x,) for x in first]).items()}, budget=budget)
     while True:
         measured = found.ordered(first)
-        wanted: list[float] = []
+        requested: list[float] = []
         for target in targets:
-            wanted += _halves(_bracket(measured, found.trials, target, budget), scale, resolution)
-        new = [level for level in dict.fromkeys(wanted) if (level,) not in found.trials]
+            requested += _halves(_bracket(measured, found.trials, target, budget), scale, resolution, whole)
+        new = [level for level in dict.fromkeys(requested) if (level,) not in found.trials]
         new = new[: budget - len(measured)]
         if not new:
             break
@@ -217,7 +223,7 @@ def refine_axis(
     return found
 
 
-def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution: float) -> list[float]:
+def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution: float, whole: bool) -> list[float]:
     """The level that narrows a bracket most: the middle of the wider gap between a certain level and the next."""
     start, between, end = bracket
     chain = [level for level in (start, *between, end) if not math.isnan(level)]
@@ -226,7 +232,8 @@ def _halves(bracket: tuple[float, list[float], float], scale: _Axis, resolution:
         certain = a == start or b == end
         width = abs(scale.position(b) - scale.position(a))
         if certain and width > resolution:
-            gaps.append((width, _middle(a, b, scale.log)))
+            gaps.append((width, _middle(a, b, scale.log, whole)))
+    gaps = [gap for gap in gaps if not math.isnan(gap[1])]
     return [max(gaps)[1]] if gaps else []
 
 
@@ -239,12 +246,14 @@ def refine_grid(
     depth: int = 2,
     axis: str = "axis",
     axis2: str = "axis2",
+    whole: tuple[bool, bool] = (False, False),
 ) -> EdgeMap:
     """Measure failure rates over two axes and halve, `depth` times, the cells whose corners lie on both sides of a
-    target. A cell is a rectangle between measured points: far from the edge it stays coarse.
+    target. A cell is a rectangle between measured points: far from the edge it stays coarse. `whole`: which axis takes whole
+    numbers only; a cell that has none inside is not halved along it.
 
     Raises:
-        InputError: levels that run both ways, or fewer than two.
+        InputError: fewer than two levels, or levels that neither rise nor fall throughout.
     """
     first, second = check_levels(levels, axis), check_levels(levels2, axis2)
     logs = is_log(first), is_log(second)
@@ -263,9 +272,11 @@ def refine_grid(
         found.cells += [cell for cell in cells if cell not in split]
         cells, points = [], []
         for a, b, c, d in split:
-            x, y = _middle(a, b, logs[0]), _middle(c, d, logs[1])
-            cells += [(a, x, c, y), (a, x, y, d), (x, b, c, y), (x, b, y, d)]
-            points += [(x, y), (a, y), (b, y), (x, c), (x, d)]
+            x, y = _middle(a, b, logs[0], whole[0]), _middle(c, d, logs[1], whole[1])
+            along = [(a, b)] if math.isnan(x) else [(a, x), (x, b)]
+            across = [(c, d)] if math.isnan(y) else [(c, y), (y, d)]
+            cells += [(*side, *other) for side in along for other in across]
+            points += [(p, q) for p in sorted({*sum(along, ())}) for q in sorted({*sum(across, ())})]
         measure(points)
     found.cells += cells
     found.budget = len(found.trials)

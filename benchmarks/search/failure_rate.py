@@ -1,14 +1,14 @@
-"""Failure rates of one estimator at one stress level, and what can be said of them.
+"""Failure rates of one estimator at one stress level, and their confidence bounds.
 
-A *trial* is one capture: n elements, of which some failed, in one of four ways. Scenes are what a suite is made of;
-seeds are its chance. The rate of a level is the mean over scenes of the failed share over seeds,
+A *trial* is one capture: n elements, of which some failed, in one of four modes. The scenes of a suite are fixed; its seeds
+are random. The rate of a level is the mean over scenes of the failed fraction over seeds,
 
     p = (1/S) Σ_s k_s/n_s,     var p = (1/S²) Σ_s φ p_s(1 − p_s)/n_s,
 
-with p_s smoothed by half a failure so that no scene claims to be certain. φ ≥ 1 is the overdispersion: Pearson's χ² of
-the trials about their scene's rate, over its degrees of freedom, pooled over all levels (McCullagh and Nelder 1989,
-sec. 4.5) and drawn to 1 by six degrees of freedom, since a few trials tell little of it. It is near 1 where elements
-fail one by one and near n where whole captures fail. Bounds are Wilson's (1927) with the effective number of elements
+with p_s smoothed by half a failure, so that no scene has a variance of zero. φ ≥ 1 is the overdispersion: Pearson's χ² of
+the trials about the rate of their scene, over its degrees of freedom, pooled over all levels (McCullagh and Nelder 1989,
+sec. 4.5) and shrunk towards 1 with a weight of six degrees of freedom, as a few trials determine it poorly. It is near 1 if
+elements fail independently, and near n if whole captures fail. Bounds are Wilson's (1927), with the effective number of elements
 p(1 − p)/var p.
 """
 
@@ -22,17 +22,17 @@ import numpy as np
 
 __all__ = ["MODES", "Dispersion", "Trial", "dispersion", "failure_rate", "mode_of", "rate_bounds"]
 
-#: How an element fails: displaced in the other seeds as well; far off in this one; no answer; no estimate at all.
+#: Modes of failure of an element: displaced in other seeds too; far off in this seed only; no valid value; no estimate.
 MODES = ("bias", "outlier", "refusal", "crash")
 
 
-#: Degrees of freedom of the prior φ = 1: elements fail one by one until trials say otherwise.
+#: Degrees of freedom of the prior φ = 1: elements fail independently until trials show otherwise.
 _PRIOR_DF = 6.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One capture: `n` elements with a truth, and how many of them failed in each way."""
+    """One capture: `n` elements with truth, and how many of them failed in each mode."""
 
     scene: str
     seed: int
@@ -44,13 +44,13 @@ class Trial:
 
     @property
     def failed(self) -> int:
-        """Elements that failed, in whatever way."""
+        """Number of failed elements, over all modes."""
         return self.bias + self.outlier + self.refusal + self.crash
 
 
 @dataclass(frozen=True)
 class Dispersion:
-    """Overdispersion φ of trials, and the degrees of freedom that it was found with (inf: known)."""
+    """Overdispersion φ of trials, and the degrees of freedom of its estimate (inf: known)."""
 
     phi: float
     df: float
@@ -65,7 +65,7 @@ def _by_scene(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
 
 
 def dispersion(levels: Iterable[Sequence[Trial]]) -> Dispersion:
-    """φ pooled over levels and scenes; 1 where no scene fails in part, or where there is one seed only."""
+    """φ pooled over levels and scenes; 1 if no scene fails partially, or if there is only one seed."""
     chi2, df = _PRIOR_DF, _PRIOR_DF
     for trials in levels:
         for group in _by_scene(trials).values():
@@ -78,7 +78,7 @@ def dispersion(levels: Iterable[Sequence[Trial]]) -> Dispersion:
 
 
 def failure_rate(trials: Iterable[Trial]) -> float:
-    """Mean over scenes of the failed share; NaN without elements."""
+    """Mean over scenes of the failed fraction; NaN without elements."""
     groups = _by_scene(trials).values()
     rates = [sum(t.failed for t in g) / sum(t.n for t in g) for g in groups]
     return float(np.mean(rates)) if rates else math.nan
@@ -109,7 +109,7 @@ def rate_bounds(trials: Iterable[Trial], spread: Dispersion, alpha: float) -> tu
 
 
 def mode_of(trials: Iterable[Trial]) -> str:
-    """The way in which most elements fail; "none" where none does. The graver one of equals."""
+    """The most frequent mode of failure, the more severe one of equals; "none" without failures."""
     counts = dict.fromkeys(MODES, 0)
     for trial in trials:
         for name in MODES:

@@ -1,7 +1,7 @@
-"""Make a find small: fewer axes, milder levels, rounder numbers, as long as the estimator still fails.
+"""Simplify a failure: fewer axes, milder levels and rounder numbers, as long as the estimator still fails.
 
 Axes are removed by delta debugging (Zeller and Hildebrandt 2002): complements of ever finer parts are tried until no
-single axis can go. Levels are then halved towards their benign end and rounded.
+single axis can be removed. Then levels are halved towards their benign end and rounded.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ __all__ = ["minimal_axes", "shrink"]
 
 Test = Callable[[Candidate], bool]
 
-#: Halvings of a level's distance to its benign end.
+#: Number of halvings of the distance between a level and its benign end.
 _HALVINGS = 5
 
 
 def minimal_axes(find: Candidate, fails: Test) -> Candidate:
-    """`find` with as few axes as fail on their own: removing any one of them would mend it (ddmin)."""
+    """`find` with a minimal set of axes: without any one of them the estimator no longer fails (ddmin)."""
     parts = 2
     while find.levels:
         axes = find.axes
@@ -39,7 +39,7 @@ def minimal_axes(find: Candidate, fails: Test) -> Candidate:
 
 
 def _plainer(find: Candidate, fails: Test, scenes: Sequence[str]) -> Candidate:
-    """The same levels in the plainest scene where they still fail."""
+    """The same levels in the simplest scene that still fails."""
     for scene in scenes[: scenes.index(find.scene)] if find.scene in scenes else ():
         if fails(Candidate(scene, find.levels)):
             return Candidate(scene, find.levels)
@@ -50,7 +50,7 @@ def shrink(find: Candidate, fails: Test, scenes: Sequence[str], space: Sequence[
     """The smallest candidate on the way from `find` that still fails.
 
     Main arguments:
-        fails: whether a candidate still shows the failure. scenes: the first is the plainest, and is tried instead.
+        fails: returns whether a candidate still shows the failure. scenes: the simplest first.
     """
     find = _plainer(minimal_axes(_plainer(find, fails, scenes), fails), fails, scenes)
     by_axis = {dimension.axis: dimension for dimension in space}

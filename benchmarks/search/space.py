@@ -1,7 +1,7 @@
-"""The space that `beambench break` searches: scenes under the named stresses, each between two levels.
+"""The search space of `beambench break`: scenes under the named stresses, each between two levels.
 
-A candidate is a scene and the levels of some axes; axes that it does not name are as the scene has them. Stresses that hurt
-every estimator alike (a wrong index, a wrong zero of time) are left out: they test the calibration, not an estimator.
+A candidate is a scene and the levels of some axes; on all other axes the scene is unchanged. Stresses that affect
+every estimator equally (a wrong index, a wrong zero of time) are left out: they test the calibration, not an estimator.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class Dimension:
     """One axis of the space.
 
     Main arguments:
-        axis: a named stress. low, high: levels. log: drawn evenly in the logarithm.
-        neutral: the benign level, toward which a find is shrunk.
+        axis: a named stress. low, high: levels, in the unit of the stress. log: whether the logarithm is drawn uniformly.
+        neutral: the benign level, towards which a failure is shrunk.
     Other arguments:
-        coarse: only levels 1, 2, 5, 10 … are drawn: the exact likelihood is tabulated anew for each.
+        coarse: whether only the levels 1, 2, 5, 10 … are drawn, because each needs a new table of the exact likelihood.
     """
 
     axis: str
@@ -39,21 +39,21 @@ class Dimension:
     coarse: bool = False
 
     def level(self, position: float) -> float:
-        """The level at a position 0 … 1, in few digits."""
+        """The level at a position from 0 to 1, rounded to few digits."""
         position = min(max(position, 0.0), 1.0)
         span, ratio = self.high - self.low, self.high / self.low if self.log else 1.0
         exact = self.low * ratio**position if self.log else self.low + span * position
         return min(max(_series(exact) if self.coarse else rounded(exact, 2), self.low), self.high)
 
     def position(self, level: float) -> float:
-        """The inverse of `level`, without its rounding."""
+        """The inverse of `level`, without rounding."""
         level = min(max(level, self.low), self.high)
         if self.log:
             return math.log(level / self.low) / math.log(self.high / self.low)
         return (level - self.low) / (self.high - self.low)
 
 
-#: The documented space; levels in the units of `stress.AXES`.
+#: The documented search space; levels in the units of `stress.AXES`.
 SPACE: tuple[Dimension, ...] = (
     Dimension("photons", 1e-3, 30.0, True, 1.0),
     Dimension("background", 1e3, 1e10, True, 1e3),
@@ -78,26 +78,26 @@ class Candidate:
     levels: tuple[tuple[str, float], ...]
 
     def without(self, axes: Sequence[str]) -> Candidate:
-        """The candidate without some axes, which stay as the scene has them."""
+        """The candidate without the given axes, on which the scene is then unchanged."""
         return Candidate(self.scene, tuple(pair for pair in self.levels if pair[0] not in axes))
 
     def at(self, axis: str, level: float) -> Candidate:
-        """The candidate with an axis at a level."""
+        """The candidate with one axis set to a level."""
         return Candidate(self.scene, tuple(sorted({**dict(self.levels), axis: level}.items())))
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The axes that it names."""
+        """The axes of the candidate."""
         return tuple(axis for axis, _ in self.levels)
 
 
 def rounded(value: float, digits: int) -> float:
-    """The number with that many significant digits."""
+    """The number, rounded to that many significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def _series(value: float) -> float:
-    """The nearest of … 1, 2, 5, 10 …, by ratio."""
+    """The number of … 1, 2, 5, 10 … that is nearest by ratio."""
     decade = 10.0 ** math.floor(math.log10(value))
     return rounded(min((decade, 2 * decade, 5 * decade, 10 * decade), key=lambda v: abs(math.log(v / value))), 1)
 
@@ -117,23 +117,23 @@ def dimensions_of(scenes: Sequence[Scene], space: Sequence[Dimension] = SPACE) -
 
 
 def draw(rng: np.random.Generator, scenes: Sequence[str], space: Sequence[Dimension]) -> Candidate:
-    """A random candidate with one to all axes changed, often many: shrinking takes away those that do not matter."""
+    """A random candidate with at least one axis changed, often many: shrinking removes those that do not matter."""
     count = int(max(rng.integers(1, len(space) + 1, size=2)))
     chosen = rng.choice(len(space), size=count, replace=False)
-    # A little beyond both ends, so that the ends themselves, where failures are frequent, are drawn now and then.
+    # A little beyond both ends, so that the ends themselves, where failures are frequent, are drawn sometimes.
     levels = {space[i].axis: space[i].level(float(rng.uniform(-0.06, 1.06))) for i in chosen}
     return Candidate(str(rng.choice(list(scenes))), tuple(sorted(levels.items())))
 
 
 def ends(scene: str, space: Sequence[Dimension]) -> list[Candidate]:
-    """Each axis alone, at either end; tried first, since such finds are the easiest to read."""
+    """Each axis alone, at either end. These are tried first, as such failures are the easiest to understand."""
     return [Candidate(scene, ((d.axis, d.level(x)),)) for d in space for x in (0.0, 1.0) if d.level(x) != d.neutral]
 
 
 def mutate(
     rng: np.random.Generator, parent: Candidate, scenes: Sequence[str], space: Sequence[Dimension], width: float
 ) -> Candidate:
-    """A neighbour: some levels moved by about `width` of their span; now and then an axis or the scene changed."""
+    """A similar candidate: some levels moved by about `width` of their span; sometimes another axis or scene."""
     by_axis: dict[str, Any] = {dimension.axis: dimension for dimension in space}
     levels = dict(parent.levels)
     if levels and rng.random() < 0.25:

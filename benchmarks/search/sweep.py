@@ -1,4 +1,4 @@
-"""Sweep the stresses of a suite: failure maps refined at the edge of breakdown, and breakdown.csv."""
+"""Sweep the stresses of a suite: failure maps, refined at the edge of breakdown, and breakdown.csv."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..runner.estimator_labels import Chosen, check_estimators
 from ..scores.tables import write_tables
 from ..statistics.skips import not_applicable, skips_of
 from ..suites.spec import Split, Stress, check_split
-from ..suites.stress import axis_unit, stressed
+from ..suites.stress import axis_unit, stressed, takes_whole_numbers
 from ..suites.suite import CELL_NONE, Cell, Loaded, capture_key, load_suite
 from .bench import Bench, trials_of
 from .breakdown import VARIANTS, breakdown_row, calm_level, change_in_bounds, map_rows, write_breakdown
@@ -35,7 +35,7 @@ __all__ = ["SweepResult", "sweep_suite"]
 
 @dataclass
 class SweepResult:
-    """What a sweep left: its folder, the rows of breakdown.csv and failure_map.csv, pictures and page."""
+    """Result of a sweep: its folder, the rows of breakdown.csv and failure_map.csv, the pictures and the page."""
 
     out: Path
     rows: list[dict[str, Any]]
@@ -61,21 +61,22 @@ def sweep_suite(
     progress: Progress = silent,
     command: Sequence[str] = (),
 ) -> SweepResult:
-    """Find where the estimators of a suite break down along each of its stresses, and write the tables and pictures.
+    """Measure where the estimators of a suite break down along each of its stresses; write the tables and pictures.
 
-    Each of the suite's conditions is swept. The captures at a level are those that `run_suite` makes there.
+    Every condition of the suite is swept. The captures at a level equal those of `run_suite` at that level.
 
     Main arguments:
-        suite: name, path or plain data, with at least one stress. out: the folder.
+        suite: name, path or plain data of a suite with at least one stress. out: the output folder.
     Other arguments:
-        overrides: see `load_suite`. split: which seeds. budget: levels measured at most, per estimator and axis.
-        depth: how often a cell of a two-dimensional grid is halved.
-        resume: keep what an interrupted sweep measured. overwrite: replace an earlier sweep in `out`, once the new one is
-            complete; until then that is in `out`/unfinished.
-        report: write the page. progress, command: as for `run_suite`.
+        overrides: see `load_suite`. split: the seeds to use. budget: largest number of measured levels per estimator and
+            axis. depth: number of times a cell of a two-dimensional grid is halved.
+        resume: whether to continue an interrupted sweep. overwrite: whether to replace an earlier sweep in `out`. It is
+            replaced when the new one, in `out`/unfinished until then, is complete.
+        report: whether to write the page. progress, command: as for `run_suite`.
 
     Raises:
-        InputError: bad input, a suite without a stress, or levels that no sweep can take; before anything is measured.
+        InputError: the input is invalid, the suite has no stress, or its levels cannot be swept; raised before anything is
+            measured.
     """
     start = time.perf_counter()
     loaded = load_suite(suite, overrides)
@@ -92,22 +93,24 @@ def sweep_suite(
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
     _check_levels(loaded)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
-    told: dict[str, Any] = {"verb": SWEEP.verb, "split": split, "budget": budget, "depth": depth}
+    settings: dict[str, Any] = {"verb": SWEEP.verb, "split": split, "budget": budget, "depth": depth}
     sweep = _Sweep(loaded, chosen, split, budget, depth, progress)
 
     def check(held: Path) -> None:
-        Journal.check(held, loaded.hash, **told)
+        Journal.check(held, loaded.hash, **settings)
 
     with workplace(folder, SWEEP, resume=resume, overwrite=overwrite, check=check) as work:
-        sweep.journal = Journal(work, loaded.hash, **told)
-        result = _sweep_in(work, sweep, told | {"overrides": dict(overrides or {}), "command": list(command)}, report)
+        sweep.journal = Journal(work, loaded.hash, **settings)
+        result = _sweep_in(
+            work, sweep, settings | {"overrides": dict(overrides or {}), "command": list(command)}, report
+        )
     pictures = [folder / path.relative_to(work) for path in result.pictures]
     page = folder / result.report.name if result.report is not None else None
     return replace(result, out=folder, pictures=pictures, report=page, wall_s=time.perf_counter() - start)
 
 
 def _check_levels(loaded: Loaded) -> None:
-    """Refuse levels that do not run one way, or that a scene cannot have."""
+    """Raise InputError for levels that neither rise nor fall throughout, or that a scene cannot have."""
     for stress in loaded.suite.stresses:
         check_levels(stress.values, stress.axis)
         if stress.axis2 is not None:
@@ -119,8 +122,8 @@ def _check_levels(loaded: Loaded) -> None:
                 stressed(scene, [(stress.axis, stress.values[0]), (stress.axis2 or "", level)])
 
 
-def _sweep_in(folder: Path, sweep: _Sweep, told: dict[str, Any], report: bool) -> SweepResult:
-    """Measure all stresses and write the folder."""
+def _sweep_in(folder: Path, sweep: _Sweep, settings: dict[str, Any], report: bool) -> SweepResult:
+    """Measure all stresses, and write the folder."""
     start, began = time.perf_counter(), now()
     loaded, spec, chosen = sweep.loaded, sweep.loaded.suite, sweep.all
     captures = 0
@@ -135,8 +138,8 @@ def _sweep_in(folder: Path, sweep: _Sweep, told: dict[str, Any], report: bool) -
     write_tables(folder, sweep.scores)
     record = {
         "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash,
-        "seeds": list(getattr(spec.seeds, told["split"])), "captures": captures, "conditions": list(spec.conditions),
-        "estimators": list(spec.estimators), **told,
+        "seeds": list(getattr(spec.seeds, settings["split"])), "captures": captures, "conditions": list(spec.conditions),
+        "estimators": list(spec.estimators), **settings,
         "started": began, "finished": now(), "wall_s": round(time.perf_counter() - start, 3),
         "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
         "failures": sweep.failures, "skipped": skips_of(sweep.scores),
@@ -152,7 +155,7 @@ def _sweep_in(folder: Path, sweep: _Sweep, told: dict[str, Any], report: bool) -
 
 
 def _declare(loaded: Loaded, condition: str) -> Any:
-    """What changes the declared rig under a condition."""
+    """The function that replaces the declared rig under a condition; None if it stays unchanged."""
     if condition == "matched":
         return None
     from ..judges.calibrate import Calibrations
@@ -192,7 +195,7 @@ class _Sweep:
         return [Cell(scene_name, changed, axis, level, axis2, level2, seed, key) for seed in self.seeds]
 
     def under(self, bench: Bench) -> None:
-        """All stresses under the condition of a bench."""
+        """Sweep all stresses under the condition of a bench."""
         self.bench, self.chosen = bench, self.all
         self.base()
         for stress in self.loaded.suite.stresses:
@@ -202,8 +205,8 @@ class _Sweep:
         return (self.bench.condition, json.dumps(self.seeds), label, *map(str, place))
 
     def base(self) -> None:
-        """The scenes as written, timed, so that the page tells speed and accuracy too. Estimators that do not apply to
-        any of them are left out of what follows."""
+        """Score the unchanged scenes, with times, so that the page shows speed and accuracy too. Estimators that apply to
+        none of them are left out of the sweep."""
         apply: set[str] = set()
         for number, (name, scene) in enumerate(self.loaded.scenes):
             self.progress("as written", number, len(self.loaded.scenes), name)
@@ -224,11 +227,11 @@ class _Sweep:
         self.progress("as written", len(self.loaded.scenes), len(self.loaded.scenes), "")
 
     def along(self, stress: Stress) -> None:
-        """Map one stress for every estimator."""
+        """Measure the failure map of every estimator along one stress."""
         store: dict[tuple[str, Point], list[Trial]] = {}
         first: list[Point] = [(x, y) for x in stress.values for y in stress.values2]
         first = first or [(x,) for x in stress.values]
-        for number, point in enumerate(first):  # all estimators read a capture while it is at hand
+        for number, point in enumerate(first):  # all estimators read a capture while it is on disk
             self.progress(stress.axis, number, len(first), f"level {point[0]:g}")
             self._measure(store, stress, point, [one.label for one in self.chosen])
         for number, one in enumerate(self.chosen):
@@ -240,15 +243,21 @@ class _Sweep:
                 return {point: store[label, point] for point in points}
 
             if stress.axis2 is None:
-                found = refine_axis(evaluate, stress.values, budget=self.budget, axis=stress.axis)
+                found = refine_axis(
+                    evaluate, stress.values, budget=self.budget, axis=stress.axis, whole=self._whole(stress.axis)
+                )
                 self.rows.append(self._row(stress, one, found))
             else:
                 found = refine_grid(
-                    evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2
-                )
+                    evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2,
+                    whole=(self._whole(stress.axis), self._whole(stress.axis2)),
+                )  # fmt: skip
                 self.cells[curve_name(one.label, self.bench.condition), stress.axis, stress.axis2] = found.cells
             self.maps += map_rows(self._key(stress, one), found)
         self.progress(f"{stress.axis} edge", len(self.chosen), len(self.chosen), "")
+
+    def _whole(self, axis: str) -> bool:
+        return any(takes_whole_numbers(scene, axis) for _, scene in self.loaded.scenes)
 
     def _measure(
         self, store: dict[tuple[str, Point], list[Trial]], stress: Stress, point: Point, labels: Sequence[str]
@@ -267,9 +276,9 @@ class _Sweep:
         for name, scene in self.loaded.scenes:
             answers = self.bench.answer(self._cells(name, scene, stress, point), wanted)
             for label in wanted:
-                mine = [found[label] for found in answers]
-                store[label, point] += trials_of(name, self.seeds, mine)
-                for answer in mine:
+                measured = [found[label] for found in answers]
+                store[label, point] += trials_of(name, self.seeds, measured)
+                for answer in measured:
                     rows[label] += answer.rows
                     if answer.status != "ok":
                         place = f"{name}, {stress.axis} = {point[0]:g}"

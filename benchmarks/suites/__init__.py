@@ -1,1 +1,1 @@
-"""Suites: files that list what is scored, and the stresses that change their scenes."""
+"""Suites: files that list scenes, stresses, seeds and estimators, and the stresses that change the scenes."""

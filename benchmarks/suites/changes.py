@@ -1,7 +1,7 @@
-"""Changes of which stress axes are made: a scene and a level give overrides, {path: value}.
+"""Changes from which stress axes are built: functions of a scene and a level that return overrides, {path: value}.
 
-A change on a role asks the scene's kind of rig what the role is (`scenes.rigs.roles`); none names a kind of rig. A change
-raises `DoesNotApply` where the scene has nothing to change; the axis turns it into an error that names itself.
+A change of a role reads from the kind of rig what the role means (`scenes.rigs.roles`); no change names a kind of rig. It
+raises `DoesNotApply` if the scene has nothing to change; the axis converts this into an InputError with its name.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class DoesNotApply(ValueError):
 
 
 def _role(scene: Scene, role: str) -> Role:
-    """What the scene's kind of rig says of a role."""
+    """The meaning of a role for the scene's kind of rig."""
     roles = rig_kind(scene.modality).roles
     if role not in roles:
         fitting = [name for name in RIGS if role in rig_kind(name).roles]
@@ -40,21 +40,21 @@ def _role(scene: Scene, role: str) -> Role:
 
 
 def path_of(scene: Scene, role: str) -> str:
-    """The path of a role that is one value of the scene. Raises DoesNotApply where the kind of rig has no such role."""
+    """The path of a role that is a single value of the scene. Raises DoesNotApply if the kind of rig has no such role."""
     path = _role(scene, role)
     assert isinstance(path, str), role
     return path
 
 
 def steps_of(scene: Scene, role: str) -> Steps:
-    """The paths of a role that is even samples in time. Raises DoesNotApply where the kind of rig has no such role."""
+    """The paths of a role that is a uniform series in time. Raises DoesNotApply if the kind of rig has no such role."""
     steps = _role(scene, role)
     assert isinstance(steps, Steps), role
     return steps
 
 
 def held(scene: Scene, path: str) -> Any:
-    """The scene's value at a path, None where it has none."""
+    """The value of the scene at a path, or None."""
     node: Any = scene.model_dump(mode="json")
     for part in path.split("."):
         node = node[int(part)] if isinstance(node, list) else node.get(part) if isinstance(node, dict) else None
@@ -71,14 +71,14 @@ def _number(scene: Scene, role: str) -> tuple[str, float]:
 
 
 def objects(scene: Scene) -> tuple[TargetObject, ...]:
-    """The objects of the target. Raises DoesNotApply where there are none."""
+    """The objects of the target. Raises DoesNotApply if there are none."""
     if not scene.target:
         raise DoesNotApply("scenes with an object in the target")
     return scene.target
 
 
 def multiply(role: str) -> Change:
-    """The role's value times the level."""
+    """Multiply the value of the role by the level."""
 
     def change(scene: Scene, level: float) -> Overrides:
         path, value = _number(scene, role)
@@ -88,7 +88,7 @@ def multiply(role: str) -> Change:
 
 
 def add(role: str) -> Change:
-    """The role's value plus the level."""
+    """Add the level to the value of the role."""
 
     def change(scene: Scene, level: float) -> Overrides:
         path, value = _number(scene, role)
@@ -98,12 +98,12 @@ def add(role: str) -> Change:
 
 
 def set_to(role: str) -> Change:
-    """The level in the place of the role's value."""
+    """Replace the value of the role by the level."""
     return lambda scene, level: {path_of(scene, role): level}
 
 
 def set_present(role: str) -> Change:
-    """The level in the place of a value that belongs to an option of the rig, which the scene must have."""
+    """Replace a value of an optional part of the rig by the level; the scene must have the part."""
 
     def change(scene: Scene, level: float) -> Overrides:
         path = path_of(scene, role)
@@ -115,9 +115,9 @@ def set_present(role: str) -> Change:
 
 
 def declare(scene: Scene, path: str, value: Any) -> Overrides:
-    """The value declared at a path of the rig or of "medium"; a leading "rig." is left out.
+    """Declare a value at a path of the rig or of "medium"; a leading "rig." is left out.
 
-    `declared` is one table whose keys are paths: it is replaced as a whole, with what it held before.
+    `declared` is one table whose keys are paths. The override replaces the whole table, including its earlier entries.
     """
     path = path.removeprefix("rig.")
     kept = {key: old for key, old in scene.declared.items() if not (key == path or key.startswith(path + "."))}

@@ -18,7 +18,7 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 def check_split(split: str) -> None:
-    """Refuse a split other than "dev" and "test".
+    """Raise InputError for a split other than "dev" and "test".
 
     Raises:
         InputError: an unknown split.
@@ -41,7 +41,8 @@ class SceneEntry(Spec):
 class Stress(Spec):
     """A stress (`axis`: a name of `stress.AXES` or a numeric path of the scene) and its levels; with `axis2` a grid.
 
-    A sweep refines the levels at the edge of breakdown; for it they run one way, from benign to breaking.
+    A sweep refines the levels at the edge of breakdown; it needs levels that rise or fall throughout, from benign to
+    breaking.
     """
 
     axis: Annotated[str, Field(min_length=1)]
@@ -59,7 +60,7 @@ class Stress(Spec):
 
 
 class Seeds(Spec):
-    """Seeds to tune on (`dev`) and seeds to be scored on (`test`). They must not overlap."""
+    """Random seeds for tuning (`dev`) and for scores (`test`). They must not overlap."""
 
     dev: tuple[Seed, ...] = ()
     test: Annotated[tuple[Seed, ...], Field(min_length=1)]
@@ -77,12 +78,12 @@ class Limits(Spec):
     """Limits on one estimator's child process, per capture.
 
     Main arguments:
-        time_s: wall time of the timed call.
-        memory_bytes: resident memory of the child and its descendants together, watched by the parent.
+        time_s: wall time of a timed call, s.
+        memory_bytes: total resident memory of the child and its descendants, measured by the parent.
     Other arguments:
-        warmup_s: wall time of start and warm-up, which may compile.
-        output_bytes: what may be printed.
-        give_up_after: so many captures in a row over a limit of time or memory, and the rest is skipped.
+        warmup_s: wall time of start and warm-up, including compilation, s.
+        output_bytes: size of the printed output.
+        give_up_after: number of consecutive captures over a limit of time or memory after which the rest is skipped.
     """
 
     example: ClassVar[str] = "beambench estimate --help"
@@ -95,14 +96,14 @@ class Limits(Spec):
 
 
 class Calibration(Spec):
-    """The simulated calibration behind the condition "calibrated": photon counts of its two measurements.
+    """The simulated calibration of the condition "calibrated": photon counts of its two measurements.
 
     Main arguments:
-        pulse_photoelectrons: recorded of the pulse, in all.
-        gate_photoelectrons: recorded per delay step with the gate open.
+        pulse_photoelectrons: total number recorded of the pulse.
+        gate_photoelectrons: number recorded per delay step with the gate open.
     Other arguments:
-        seed: of its noise, beside the captures' seeds: each scene and seed draws its own calibration, and another seed
-        here draws them all anew.
+        seed: random seed of the calibration noise, in addition to the seed of the capture: each scene and seed has its own
+        calibration, and another value here changes all of them.
     """
 
     pulse_photoelectrons: Positive
@@ -116,8 +117,9 @@ class Suite(Spec):
     Main arguments:
         scenes, stresses, seeds, conditions, estimators: the axes of the table.
     Other arguments:
-        failure_at: |error| (in the modality's unit) above which an element counts as failed; None: the contract's rule.
-        fidelity, rtol: passed to the generator.
+        failure_at: |error| above which an element counts as failed, in the unit of the main quantity; None: the rule of
+            `scores.truth.failure_limit`.
+        fidelity, rtol: arguments of the generator.
     """
 
     example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"

@@ -1,4 +1,4 @@
-"""The named stress axes: how each changes a scene, as plain overrides."""
+"""The named stress axes, each of which changes a scene by plain overrides."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Axis:
     """A named stress.
 
     Main arguments:
-        name, unit: as tables show them; unit "1" for ratios. what: one line for people.
-        change: (scene, level) -> {path: value}. Raises DoesNotApply where the scene has nothing to change.
-        neutral: the level that leaves a scene as it is, None where that depends on the scene.
+        name, unit: name and unit in tables; unit "1" for ratios. what: description in one line.
+        change: (scene, level) -> {path: value}. Raises DoesNotApply if the scene has nothing to change.
+        neutral: the level that leaves a scene unchanged; None if it depends on the scene.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Axis:
     neutral: float | None = None
 
     def overrides(self, scene: Scene, level: float) -> Overrides:
-        """The changes of a scene at a level, {path: value}. Raises InputError where the scene has nothing to change."""
+        """The changes of a scene at a level, {path: value}. Raises InputError if the scene has nothing to change."""
         try:
             return self.change(scene, level)
         except DoesNotApply as error:
@@ -69,7 +69,7 @@ def _distance(scene: Scene, level: float) -> Overrides:
 
 
 def _delay_step(scene: Scene, level: float) -> Overrides:
-    """The step times `level`, over the same span."""
+    """Multiply the step by `level`, over the same span."""
     steps = steps_of(scene, "sampling")
     number = 1 + int((held(scene, steps.count) - 1) / level + 1e-9)
     return {steps.step: held(scene, steps.step) * level, steps.count: max(steps.least, number)}
@@ -86,7 +86,7 @@ def _wrong_t0(scene: Scene, level: float) -> Overrides:
     return declare(scene, "t0_s", scene.rig.t0_s + level)
 
 
-#: Names under which a pulse or gate may hold its one width.
+#: Names of the width of a pulse or gate that has only one.
 _WIDTHS = ("fwhm_s", "width_s")
 
 
@@ -112,7 +112,7 @@ def _wrong_gate(scene: Scene, level: float) -> Overrides:
 
 
 def _attenuation_lengths(scene: Scene, level: float) -> Overrides:
-    """a and b scaled together, so that c·z = level at the farthest object; the phase function is kept."""
+    """Scale a and b together, so that c·z = level at the farthest object; the phase function is unchanged."""
     medium = scene.medium
     if medium.attenuation_per_m == 0.0:
         raise DoesNotApply("scenes in a medium that attenuates")
@@ -134,7 +134,7 @@ def _attenuation_lengths(scene: Scene, level: float) -> Overrides:
 
 
 def _specular(scene: Scene, level: float) -> Overrides:
-    """The share `level` of every object's albedo goes into a mirror-like lobe; the albedo stays."""
+    """Move the fraction `level` of every object's albedo into a specular lobe; the albedo is unchanged."""
     if not 0.0 <= level <= 1.0:
         raise DoesNotApply("shares 0 … 1")
     changes: Overrides = {}
@@ -142,7 +142,7 @@ def _specular(scene: Scene, level: float) -> Overrides:
         material = item.material.with_lobe(level)
         if material is None:
             raise DoesNotApply(
-                "scenes whose materials all have a form with a mirror-like lobe (such as Lambert and Phong)"
+                "scenes whose materials all have a form with a specular lobe (such as Lambert and Phong)"
             )
         changes[f"target.{number}.material"] = material.model_dump(mode="json")
     return changes
@@ -153,7 +153,7 @@ def _motion(scene: Scene, level: float) -> Overrides:
 
 
 def _screen(scene: Scene, **changes: float) -> Overrides:
-    """The scene's screen, changed."""
+    """Change a value of the scene's screen."""
     path = path_of(scene, "screen")
     screen = held(scene, path)
     if screen is None:
@@ -179,9 +179,9 @@ AXES: dict[str, Axis] = {
         Axis("photons", "1", "signal photons, as a multiple of the scene's", multiply("light"), 1.0),
         Axis("background", "e/s", "ambient light per pixel with the gate open", set_to("ambient")),
         Axis("incidence", "deg", "tilt of every flat object about the vertical", _incidence, 0.0),
-        Axis("distance", "m", "how much farther all objects are, the window unmoved", _distance, 0.0),
+        Axis("distance", "m", "distance by which all objects are moved away, with the same window", _distance, 0.0),
         Axis("delay-step", "1", "delay step as a multiple of the scene's, over the same span", _delay_step, 1.0),
-        Axis("window-start", "s", "how much later the delay scan starts", add("start"), 0.0),
+        Axis("window-start", "s", "time by which the delay scan starts later", add("start"), 0.0),
         Axis("pulse-width", "1", "pulse width as a multiple of the scene's", multiply("pulse-width"), 1.0),
         Axis("jitter", "s", "timing jitter from slice to slice, rms", set_to("jitter")),
         Axis("shot-jitter", "s", "timing jitter from pulse to pulse, rms", set_to("shot-jitter")),
@@ -193,12 +193,17 @@ AXES: dict[str, Axis] = {
         Axis("wrong-t0", "s", "error of the declared time zero", _wrong_t0, 0.0),
         Axis("wrong-pulse", "1", "relative error of the declared pulse width", _wrong_pulse, 0.0),
         Axis("wrong-gate", "1", "relative error of the declared gate width", _wrong_gate, 0.0),
-        Axis("attenuation-lengths", "1", "c·z at the farthest object, a and b scaled alike", _attenuation_lengths),
-        Axis("specular", "1", "share of the albedo in a mirror-like lobe", _specular),
+        Axis("attenuation-lengths", "1", "c·z at the farthest object, a and b scaled together", _attenuation_lengths),
+        Axis("specular", "1", "fraction of the albedo in a specular lobe", _specular),
         Axis("full-well", "1", "full well as a multiple of the scene's", multiply("full-well"), 1.0),
         Axis("motion", "m/s", "the platform's approach between slices", _motion),
         Axis("phosphor", "px", "spread of the intensifier's phosphor, 1 σ", set_present("phosphor")),
-        Axis("screen-coverage", "1", "share of each pixel that a screen before the target covers", _screen_coverage),
-        Axis("screen-gap", "m", "how far before the nearest object the screen stands", _screen_gap),
+        Axis(
+            "screen-coverage",
+            "1",
+            "fraction of each pixel covered by a screen in front of the target",
+            _screen_coverage,
+        ),
+        Axis("screen-gap", "m", "distance of the screen from the nearest object", _screen_gap),
     )
 }

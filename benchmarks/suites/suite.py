@@ -1,4 +1,4 @@
-"""Suite files: load, override and hash them, and list the captures that they need."""
+"""Suite files: load, override and hash them, and list their captures."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ __all__ = [
     "Stress", "Suite", "capture_key", "cells_of", "list_suites", "load_suite", "suite_hash",
 ]  # fmt: skip
 
-#: Folder of the suites that ship with the project.
+#: Folder of the built-in suites.
 SUITES = Path(__file__).parent / "library"
 
-#: `stress` of a cell in which the scene is as written.
+#: `stress` of a cell with the unchanged scene.
 CELL_NONE = "none"
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One generated capture of a suite: scene with its stress applied, and its place in the table."""
+    """One generated capture of a suite: the scene with its stress applied, and its key in the table."""
 
     scene_name: str
     scene: Scene
@@ -56,7 +56,7 @@ class Loaded:
 
 
 def list_suites() -> list[str]:
-    """Names of the suites that ship with the project, sorted."""
+    """Names of the built-in suites, sorted."""
     return sorted(path.stem for path in SUITES.glob("*.toml"))
 
 
@@ -64,12 +64,12 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
     """Load and validate a suite and all its scenes.
 
     Main arguments:
-        source: a name that ships, a path to a .toml or .json file, or plain data.
+        source: the name of a built-in suite, a path to a .toml or .json file, or plain data.
         overrides: {path: value}. A path whose first part is a key of the suite changes the suite; one whose first part
             is a key of scenes (`rig`, `target`, `medium`, `declared`) changes every scene.
 
     Raises:
-        InputError: unknown suite, scene or key; missing or impossible value; two scenes of one name.
+        InputError: a suite, scene or key is unknown, a value is missing or impossible, or two scenes have the same name.
     """
     if isinstance(source, Mapping):
         data, where, folder = dict(source), "suite data", Path.cwd()
@@ -81,7 +81,7 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
     data = apply_overrides(data, of_variants) if of_variants else data
     variants = data.get("variants", {})
     data = without_variants(data, where)
-    if len(of_suite) > len(of_variants):  # these see each scene as written out; new ones may name variants as well
+    if len(of_suite) > len(of_variants):  # these apply to scenes without variants; new scenes may name variants too
         data = apply_overrides(data, {path: value for path, value in of_suite.items() if path not in of_variants})
         data = without_variants({**data, "variants": variants}, where)
     suite = validate_spec(Suite, data, where)
@@ -97,14 +97,14 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
             value=names,
             next_step='give one of them its own name: { scene = "...", name = "..." }',
         )
-    for stress in suite.stresses:  # raises for a path that leads nowhere before anything runs
+    for stress in suite.stresses:  # raises InputError for a path that does not exist, before anything runs
         for _, scene in loaded:
             _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
     return Loaded(suite, tuple(loaded), suite_hash(suite, loaded))
 
 
 def _anchor(name: str, folder: Path) -> str:
-    """Relative scene files lie beside the suite file."""
+    """Resolve relative paths of scene files from the folder of the suite file."""
     path = Path(name).expanduser()
     if path.suffix in {".toml", ".json"} and not path.is_absolute() and (folder / path).is_file():
         return str(folder / path)
@@ -139,7 +139,7 @@ def _split(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]
 
 
 def suite_hash(suite: Suite, scenes: Iterable[tuple[str, Scene]]) -> str:
-    """SHA-256 (16 hex digits) of the suite and its scenes as validated, independent of how they were written."""
+    """SHA-256 (16 hex digits) of the validated suite and scenes, independent of their notation."""
     data = {
         "suite": suite.model_dump(mode="json", exclude={"title"}),
         "scenes": {name: scene.model_dump(mode="json", exclude={"title"}) for name, scene in scenes},
@@ -162,7 +162,7 @@ def _stressed(scene: Scene, stress: Stress, level: float, level2: float | None) 
 
 
 def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
-    """All captures of a suite, in a fixed order: every scene as written, then under each stress level, per seed."""
+    """All captures of a suite, in a fixed order: every scene unchanged, then at each stress level, for each seed."""
     seeds = getattr(loaded.suite.seeds, split)
     if not seeds:
         raise InputError(f"The suite has no {split} seeds.", where="seeds", next_step="add them to the suite file")

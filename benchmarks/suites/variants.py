@@ -1,10 +1,10 @@
-"""Variants: a scene of a suite defined once under a name, and varied where the suite lists its scenes.
+"""Variants: a suite defines a scene once, under a name, and varies it in its list of scenes.
 
-    [variants.wall]                         # a scene: of the library, a file, or another variant, changed
+    [variants.wall]                         # a scene of the library, a file or another variant, with changes
     scene = "harbour-wall"
     overrides = { "rig.camera.rows" = 24, "rig.camera.cols" = 24 }
 
-    [variants.clear]                        # changes alone, for any scene
+    [variants.clear]                        # changes only, for any scene
     overrides = { "medium.water_type.type" = "clear" }
 
     [[scenes]]
@@ -13,8 +13,8 @@
     name = "wall-in-clear-water"
 
 Overrides apply in this order: those of the scene, those under `with` in their order, those of the entry. An entry without a
-`name` takes that of its variant. A variant is a way to write a suite: the suite that is run, recorded and hashed names
-scenes of the library or files, with all their overrides.
+`name` has the name of its variant. Variants are only a notation: the suite that is run, recorded and hashed names scenes of
+the library or files, with all their overrides.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Word = Annotated[str, Field(min_length=1)]
 
 
 class Variant(Spec):
-    """A named variant. With `scene` it is a scene; without, changes that other entries name under `with`."""
+    """A named variant: a scene if it has `scene`; otherwise changes that other entries list under `with`."""
 
     scene: Word | None = None
     changes: Annotated[tuple[Word, ...], Field(alias="with")] = ()
@@ -49,12 +49,12 @@ def without_variants(data: Mapping[str, Any], where: str) -> dict[str, Any]:
     """A suite's data in which every scene is written out: no `variants`, no `with`.
 
     Main arguments:
-        data: of the suite; `scenes` may hold plain strings. where: the suite, for messages.
+        data: data of the suite; `scenes` may hold plain strings. where: the suite, for messages.
 
-    Entries of another form are left as they are, for validation to refuse.
+    Entries of another form are returned unchanged, and validation refuses them.
 
     Raises:
-        InputError: a variant of another form, one that builds on itself, or an unknown name under `with`.
+        InputError: a variant has another form or builds on itself, or a name under `with` is unknown.
     """
     result = dict(data)
     variants = validate_spec(_Variants, {"variants": result.pop("variants", {})}, where).variants
@@ -83,21 +83,21 @@ def _entry(item: Any, variants: Mapping[str, Variant], where: str) -> Any:
 def _resolved(
     variant: Variant, variants: Mapping[str, Variant], where: str, within: tuple[str, ...]
 ) -> tuple[str | None, dict[str, Any]]:
-    """(scene that is no variant, all overrides in the order in which they apply)."""
+    """(scene that is not a variant, all overrides in their order)."""
     scene: str | None = variant.scene
     overrides: dict[str, Any] = {}
     if scene is not None and scene in variants:
         scene, overrides = _named(scene, variants, where, within)
         if scene is None:
             raise InputError(
-                "A variant without a scene stands in the place of a scene.", where=f"{where}.scene", value=variant.scene,
+                "A variant without a scene is used as a scene.", where=f"{where}.scene", value=variant.scene,
                 allowed="a scene of the library, a file, or a variant that has a scene",
                 next_step=f'{{ scene = "flat-wall", with = ["{variant.scene}"] }}, for example',
             )  # fmt: skip
     for name in variant.changes:
         if name not in variants or variants[name].scene is not None:
             raise InputError(
-                "A name under `with` should be that of a variant without a scene.",
+                "A name under `with` must be that of a variant without a scene.",
                 where=f"{where}.with",
                 value=name,
                 allowed=", ".join(name for name, one in variants.items() if one.scene is None)
@@ -120,5 +120,5 @@ def _named(
 
 
 def _over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Overrides with others applied after them: a path that is given again moves to the end."""
+    """Overrides followed by others; a path that occurs again moves to the end."""
     return {path: value for path, value in below.items() if path not in above} | dict(above)

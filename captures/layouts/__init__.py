@@ -1,4 +1,4 @@
-"""Layouts: for each modality the variables of a capture, with dimensions, types and units, and what is estimated."""
+"""Layouts: the variables of each modality's captures, with dimensions, dtypes and units, and the estimated quantities."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def layout_of(modality: object) -> Layout:
 
 @lru_cache(maxsize=1)
 def stages() -> dict[str, Stage]:
-    """All stages by the word under `@estimator`."""
+    """All stages, by their words (the argument of `@estimator`)."""
     return {stage.word: stage for modality in LAYOUTS for stage in layout_of(modality).stages}
 
 
 def stage_of(word: object) -> Stage:
-    """The stage of a word under `@estimator`. Raises InputError for an unknown one."""
+    """The stage that a word (the argument of `@estimator`) names. Raises InputError for an unknown one."""
     from ...scenes.errors import InputError
 
     if not isinstance(word, str) or word not in stages():
@@ -45,6 +45,6 @@ def stage_of(word: object) -> Stage:
 
 
 def scored_first(modality: str, stage: str, quantity: str) -> bool:
-    """Whether a row of a table (its columns modality, stage, quantity) is of the quantity that its stage is scored by first."""
+    """Whether a row of a table, given by its modality, stage and quantity, is of the main quantity of its stage."""
     known = layout_of(modality).stages if modality in LAYOUTS else ()
     return any(one.name == stage and one.gives[0].name == quantity for one in known)

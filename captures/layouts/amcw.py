@@ -1,4 +1,4 @@
-"""The capture of an amplitude-modulated ranger: correlation samples per shot, frequency and phase."""
+"""Layout of the captures of an amplitude-modulated ranger: correlation samples per shot, frequency and phase."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The capture of a range-gated camera: a stack of slices, one per gate delay."""
+"""Layout of the captures of a range-gated camera: a stack of slices, one per gate delay."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .variables import BOOL, COUNTS, INT, MAP, REAL, camera_extras, coord, data,
 
 __all__ = ["LAYOUT"]
 
-#: Shares of the lamp's light, kept apart on request: their sum is all of it.
+#: Components of the lamp's light, stored separately on request; their sum is the whole.
 _LIGHT = {
     "direct": "one surface",
     "interreflection": "several surfaces",
@@ -39,7 +39,8 @@ _GATED = (
     truth("truth_first", "row col", REAL, "m", "range of the nearest sub-sample"),
     truth("truth_last", "row col", REAL, "m", "range of the farthest sub-sample"),
     truth(
-        "truth_amplitude", "row col", REAL, "electron", "photoelectrons at an open gate of transmission 1",
+        "truth_amplitude", "row col", REAL, "electron",
+        "photoelectrons at an open gate of transmission 1 of light that was reflected once and not scattered",
         required=False, channel=True,
     ),
     truth(
@@ -48,7 +49,8 @@ _GATED = (
     ),
     truth(
         "truth_halo", "row col", REAL, "electron",
-        "target light scattered into the pixel, beside truth_amplitude, at an open gate; part of truth_background",
+        "target light scattered forward into the pixel, at an open gate, by the small-angle picture (paths traced by the "
+        "rung `full` hold up to a sixth more of it under wide beams); part of truth_background",
         required=False,
     ),
     truth(
@@ -56,15 +58,15 @@ _GATED = (
         required=False,
     ),
     *(
-        truth(f"truth_{name}", "slice row col", MAP, "electron", f"expected light: {told}", required=False)
-        for name, told in _LIGHT.items()
+        truth(f"truth_{name}", "slice row col", MAP, "electron", f"expected light: {component}", required=False)
+        for name, component in _LIGHT.items()
     ),
     *camera_extras("slice row col"),
 )  # fmt: skip
 
 
 def _check(capture: xr.Dataset, rig: dict[str, Any], where: str) -> None:
-    """Every slice uses a gate that the rig has. Raises InputError."""
+    """Raise InputError if a slice uses a gate that the rig does not have."""
     gates = rig.get("gates")
     if isinstance(gates, list) and int(capture["gate"].values.max()) >= len(gates):
         raise InputError(

@@ -1,4 +1,4 @@
-"""The capture of a laser-line camera: frames in which a sheet of light crosses every row."""
+"""Layout of the captures of a laser-line camera: frames in which a sheet of light crosses every row."""
 
 from __future__ import annotations
 

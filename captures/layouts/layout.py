@@ -1,4 +1,4 @@
-"""The layout of a modality: what its captures hold, and what is estimated from them."""
+"""The layout of a modality: the variables of its captures, and the quantities that are estimated from them."""
 
 from __future__ import annotations
 
@@ -17,21 +17,22 @@ __all__ = ["Layout"]
 
 
 def _nothing(capture: xr.Dataset, rig: dict[str, Any], where: str) -> None:
-    """No more than what holds for every modality is checked."""
+    """Check nothing beyond the rules for every modality."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The record of a modality on the floor of captures.
+    """The record of a modality in `captures`.
 
     Main arguments:
-        name: the modality. variables: of a capture.
+        name: the modality. variables: the variables of a capture.
         data: name of the measured variable.
-        element: dimensions of what is counted in tables; noun: what people call one of them.
-        stages: of its estimators; the first one reads captures.
+        element: dimensions of the elements that tables count. noun: the word for one element, e.g. "pixel".
+        stages: stages of its estimators; the first one reads captures.
     Other arguments:
         finite: coordinates that must be finite.
-        check: (capture, declared rig, place for messages); raises InputError for values that contradict each other.
+        check: function of (capture, declared rig, place for messages); raises InputError for values that contradict each
+            other.
     """
 
     name: str
@@ -50,5 +51,5 @@ class Layout:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """All that is estimated, stage by stage."""
+        """All estimated quantities, stage by stage."""
         return tuple(quantity for stage in self.stages for quantity in stage.gives)

@@ -1,7 +1,7 @@
-"""The contract that the captures of all modalities share: versions, attributes, and how a variable is described.
+"""The part of the layout that all modalities share: version, attributes, and the description of a variable.
 
-A capture in memory is one `xarray.Dataset` without a `capture` dimension; a store always has it in front. Changing a
-table on this page, or a layout beside it, bumps `SCHEMA_VERSION`, and files of another version are refused.
+A capture in memory is an `xarray.Dataset` without the dimension `capture`, which is always the first one in a store. A
+change to a table in this file, or to a layout, needs a new `SCHEMA_VERSION`; files of another version are refused.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ class Variable:
 
     Main arguments:
         name, dims: name and dimensions, without `capture`.
-        dtypes: allowed dtypes; the first is what other numbers are turned into.
-        units: allowed units; the first is the usual one. "1" is dimensionless.
-        long_name: what it is, for people.
+        dtypes: allowed dtypes; arrays of other dtypes are converted to the first.
+        units: allowed units; the first is the default. "1" is dimensionless.
+        long_name: description in a few words.
     Other arguments:
         role: "data", "coord" or "truth".
-        required: whether each capture has it (truth of a recorded capture is then filled with NaN).
-        channel: whether a last dimension `channel` may follow.
-        also: other allowed dims.
+        required: whether every capture has the variable (missing truth of a recorded capture is filled with NaN).
+        channel: whether a last dimension `channel` is allowed.
+        also: further allowed tuples of dimensions.
     """
 
     name: str
@@ -70,6 +70,6 @@ class Variable:
 
     @property
     def allowed_dims(self) -> tuple[tuple[str, ...], ...]:
-        """Each tuple of dims that the variable may have."""
+        """Every allowed tuple of dimensions."""
         plain = (self.dims, *self.also)
         return (*plain, *((*dims, "channel") for dims in plain)) if self.channel else plain

@@ -1,4 +1,4 @@
-"""Short ways to write the variables of a layout down."""
+"""Short functions that describe the variables of a layout."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BOOL = ("bool",)
 
 
 def data(name: str, dims: str, dtypes: tuple[str, ...], units: str, long_name: str, **kw: object) -> Variable:
-    """A variable that an instrument measures; `dims` and `units` are separated by spaces and bars."""
+    """A measured variable; spaces separate `dims`, and bars separate `units`."""
     return Variable(name, tuple(dims.split()), dtypes, tuple(units.split("|")), long_name, **kw)  # type: ignore[arg-type]
 
 
@@ -24,12 +24,12 @@ def coord(name: str, dims: str, dtypes: tuple[str, ...], units: str, long_name: 
 
 
 def truth(name: str, dims: str, dtypes: tuple[str, ...], units: str, long_name: str, **kw: object) -> Variable:
-    """Truth: what an estimator never sees."""
+    """A variable of the truth, which estimators never read."""
     return data(name, dims, dtypes, units, long_name, role="truth", **kw)
 
 
 def per_frame(frame: str) -> tuple[Variable, ...]:
-    """Coordinates of every frame or slice, whichever `frame` is."""
+    """Coordinates along the dimension `frame`, which is "frame" or "slice"."""
     return (
         coord("time", frame, REAL, "s", f"start of the {frame}, on the capture's own clock"),
         coord("valid", frame, BOOL, "1", f"whether the {frame} was recorded soundly"),
@@ -37,7 +37,7 @@ def per_frame(frame: str) -> tuple[Variable, ...]:
 
 
 def camera_extras(expectation_dims: str) -> tuple[Variable, ...]:
-    """Optional variables of a camera; `expectation_dims` are those of its counts."""
+    """Optional variables of a camera; `expectation_dims` are the dimensions of its counts."""
     return (
         data("dark", "row col", MAP, "DN", "mean dark image", required=False, channel=True),
         data("flat", "row col", MAP, "1", "relative response of the pixels", required=False, channel=True),

@@ -1,4 +1,4 @@
-"""The capture of a pulsed ranger with one photodetector: a record of its signal per shot."""
+"""Layout of the captures of a pulsed ranger with one photodetector: a record of its signal per shot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _WAVEFORM = (
     coord("laser_on", "shot", BOOL, "1", "whether the laser fired", required=False),
     coord("valid", "shot", BOOL, "1", "whether the shot was recorded soundly", required=False),
     truth("truth_range", "shot", REAL, "m", "radial range"),
-    truth("truth_amplitude", "shot", REAL, "electron", "photoelectrons of the whole echo", required=False),
+    truth(
+        "truth_amplitude", "shot", REAL, "electron",
+        "photoelectrons of the whole echo, with what was scattered forward on its way", required=False,
+    ),
     truth(
         "truth_background", "shot sample", REAL, "electron",
         "ambient and dark electrons of the sample, and what the water scatters back",

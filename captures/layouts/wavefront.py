@@ -1,4 +1,4 @@
-"""The capture of a Shack-Hartmann sensor: frames of spots, with the spot field of a flat wavefront."""
+"""Layout of the captures of a Shack-Hartmann sensor: frames of spots, and the spot field of a flat wavefront."""
 
 from __future__ import annotations
 

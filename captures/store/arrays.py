@@ -119,8 +119,10 @@ def metadata_files(structure: Structure, length: int, attributes: dict[str, Any]
 def open_arrays(root: Path, names: Iterable[str], mode: Literal["r", "r+"]) -> dict[str, zarr.Array[Any]]:
     """The arrays of the store at `root` by name. Raises OSError."""
     import zarr
+    from zarr.storage import LocalStore
 
-    group = zarr.open_group(str(root), mode=mode, zarr_format=3, use_consolidated=False)
+    # A store, not text: text with "::" or "://" in it would be taken for a URL.
+    group = zarr.open_group(LocalStore(root, read_only=mode == "r"), mode=mode, zarr_format=3, use_consolidated=False)
     arrays = {}
     for name in names:
         array = group[name]

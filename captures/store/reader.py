@@ -72,13 +72,13 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
 def _refusal(root: Path, problems: list[tuple[str, str]]) -> InputError:
     refused = [entry for entry in problems if entry[1].startswith(UNREADABLE)]
     (name, problem), *more = refused or problems
-    told = f"{name}: {problem}" + (f", and {len(more)} more" if more else "")
+    listed = f"{name}: {problem}" + (f", and {len(more)} more" if more else "")
     if refused:
-        return InputError(f"A file of the store cannot be read: {told}.", where=str(root), next_step=ASK_FOR_RIGHTS)
+        return InputError(f"A file of the store cannot be read: {listed}.", where=str(root), next_step=ASK_FOR_RIGHTS)
     if any(name.endswith("zarr.json") for name, _ in problems):
-        return InputError(f"The store is damaged: {told}.", where=str(root), next_step=TAKE_ANEW)
+        return InputError(f"The store is damaged: {listed}.", where=str(root), next_step=TAKE_ANEW)
     return InputError(
-        f"The store is damaged: {told}.",
+        f"The store is damaged: {listed}.",
         where=str(root),
         next_step=f"`beambench data verify {root}` lists the damage, `beambench data repair {root}` keeps the intact captures",
     )

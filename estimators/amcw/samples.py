@@ -23,7 +23,7 @@ Bool = npt.NDArray[np.bool_]
 class AmcwSamples:
     """Samples of all shots, frequencies ascending.
 
-    z (shot, frequency, phase): photoelectrons. good (likewise): finite and not clipped. usable (shot): marked valid, with
+    z (shot, frequency, phase): photoelectrons. good (likewise): finite, not clipped, not dead. usable (shot): marked valid, with
     the laser on. A sample of mean μ has the variance μ + floor_var. t0_s: lag of the reference. window_m: nearest and
     farthest range of a target.
     """
@@ -81,7 +81,7 @@ def read_samples(capture: xr.Dataset) -> AmcwSamples:
     converter = rig.converter("detector")
     order = np.argsort(frequency)
     finite = np.isfinite(raw)
-    good = finite & (raw < converter.saturation_dn)
+    good = finite & (raw < converter.saturation_dn) & (raw > converter.dead_dn)
     offset = converter.offset_dn
     z = (np.where(finite, raw, offset).astype(np.float64) - offset) / converter.gain_dn_per_e
     usable = np.ones(len(raw), dtype=bool)

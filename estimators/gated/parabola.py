@@ -30,7 +30,7 @@ def parabola(capture: xr.Dataset) -> xr.Dataset:
     With y₋, y₀, y₊ at delays t₀−a, t₀, t₀+b: vertex t₀ + ½ (a²(y₊−y₀) − b²(y₋−y₀)) / (−a(y₊−y₀) − b(y₋−y₀)), which is
     ½·step·(y₋−y₊)/(y₋−2y₀+y₊) for even steps. Returns range, sigma [m], valid (row, col).
     sigma is the root mean square error at the amplitude, the level and the place in the step of the pixel (`vertex_error`):
-    noise of the three samples, choice of the brightest slice, and the bias of a parabola through a top that is none, which
+    noise of the three samples, choice of the brightest slice, and the bias of a parabola through a top of another form, which
     is the same for all pixels at one place in the step. Invalid: maximum at an end of the stack, clipped or NaN samples, no
     curvature.
     """

@@ -14,6 +14,7 @@ from .tools.design import design_of
 from .tools.even_design import even_design_of
 from .tools.even_fit import fit_even
 from .tools.maximum import TILE
+from .tools.misfit import LIMIT, state_misfit
 from .tools.poisson_clipped import leave_out, plausible
 from .tools.poisson_fit import fit_careful, fit_fast, start
 from .tools.poisson_flat import fit_flat
@@ -125,7 +126,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                     clips = held[0].any()
                     for turn in range(2):
                         x0, a0, b0 = start(y, e, s, table, first, last, candidates, box, mean, norm, running)
-                        if good < 4 or not a0 > 0:
+                        if good < min(4, groups) or not a0 > 0:
                             break
                         for g in range(groups):
                             zs[g] = zu[g] + s[g] * share[g]
@@ -163,7 +164,7 @@ def _fit_flat_rows(  # type: ignore[no-untyped-def]
             clips, found = held[0].any(), False
             for turn in range(2):
                 x0, a0, b0 = start(whole, e, s, table, first, last, candidates, box, mean, norm, running)
-                if good < 4 or not a0 > 0:
+                if good < min(4, groups) or not a0 > 0:
                     break
                 for g in range(groups):
                     zs[g] = z[g] + s[g] * share[g]
@@ -202,7 +203,9 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     is the answer (`poisson_flat`).
     Other arguments: min_snr: least A in its standard errors; a weaker echo is not answered.
     Returns range, sigma [m] from the Fisher information with A and B profiled, valid (row, col): converged, at least
-    a quarter of the echo inside the window, sigma below the width of R. Raises InputError for min_snr < 0.
+    a quarter of the echo inside the window, sigma below the width of R. Where the echo is broader than R by more than
+    chance, as in a pixel that sees two surfaces, sigma holds the spread of their delays (`misfit`). Two lit slices are
+    enough where there are laser-off slices (by `poisson_flat`). Raises InputError for min_snr < 0.
     """
     if min_snr < 0:
         raise InputError(
@@ -211,7 +214,8 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     stack = read_stack(capture)
     rig = stack.instrument
     shape = stack.counts.shape[1:]
-    if stack.signal < 3:
+    # Two lit slices give time and amplitude where laser-off slices give the background.
+    if stack.signal < 2 or stack.groups < 3:
         nothing = np.full(shape, np.nan)
         return range_result(nothing, nothing, np.zeros(shape, dtype=bool))
     direct = rig.gate_offset() is None and not rig.laser_m.any()
@@ -227,12 +231,17 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     bounds = (design.low, design.high, design.width, floor)
     common = (stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first,
               design.last, bounds, design.candidates, design.box, design.mean, design.norm, min_snr, units)  # fmt: skip
-    if design.corners:
+    # Two slices that both show the plateau of R do not tell delays apart either.
+    if design.corners or stack.signal == 2:
         _fit_flat_rows(*common, value, sigma, valid)
     else:
         _fit_smooth(stack, levels, shift, floor, min_snr, factor, (value, sigma, valid, again))
         # Also where no pixel needs it: a warm-up must compile the same kernels for all data.
         _fit_rows(*common, value, sigma, valid, again)
+    state_misfit(
+        stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first, design.last,
+        design.width, floor, LIMIT, units, value, sigma, valid,
+    )  # fmt: skip
     if direct:
         valid &= value > 0
         if not valid.all():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +12,7 @@ from ...optics.pile_up import coates_rate
 from ...scenes.errors import InputError
 from ..registry import estimator
 from ..result import range_result
+from .background import Background, background_level, least_snr
 from .record import WaveformRecord, read_record
 
 __all__ = ["waveform_average", "waveform_coates"]
@@ -44,19 +44,19 @@ def _centroid(
         mean = (y * x).sum(axis=1) / total
         arm = np.where(use, x - mean[:, None], 0.0)
         var = (arm**2 * noise).sum(axis=1) + arm.sum(axis=1) ** 2 * level_var
+        # One photoelectron more at the spread of R: of one count alone the samples show no spread at all.
+        var += record.excess * record.share.variance_s2
         sigma = np.sqrt(var) / total
         spread = np.sqrt(noise.sum(axis=1) + use.sum(axis=1) ** 2 * level_var)
         clipped = (~record.good & (np.abs(record.time_s - (low + mean)[:, None]) < 3 * record.width_s)).any(axis=1)
-        found = record.usable & (total > min_snr * spread) & ~clipped
+        found = record.usable & (total > min_snr * spread) & (total > 0) & ~clipped
     tau = low + mean - record.centroid_s
     return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
-def _check(reach: float, min_snr: float, where: str) -> None:
-    if reach < 0 or min_snr < 0:
-        raise InputError(
-            "A parameter is negative.", where=f"{where}[reach, min_snr]", value=(reach, min_snr), allowed=">= 0"
-        )
+def _check(reach: float, where: str) -> None:
+    if reach < 0:
+        raise InputError("A parameter is negative.", where=f"{where}[reach]", value=reach, allowed=">= 0")
 
 
 @estimator(
@@ -66,25 +66,25 @@ def _check(reach: float, min_snr: float, where: str) -> None:
 def waveform_average(
     capture: xr.Dataset,
     *,
-    background: Literal["outside", "none"] = "outside",
+    background: Background = "robust",
     reach: float = 3.0,
-    min_snr: float = 4.0,
+    min_snr: float | None = None,
 ) -> xr.Dataset:
     """τ = Σ t_k y_k/Σ y_k − lag of the centroid of the response, y = z − background.
 
-    Other arguments: background: "outside" is the mean of the samples that the echo cannot reach; "none" subtracts nothing,
-    which pulls the answer to the middle of the window. reach: half width of the window about the echo in σ of the
-    response; 0 takes the whole record. min_snr: least Σ y in its standard errors. Pile-up of single-photon counts pulls
-    the answer to early times.
-    Returns range, sigma [m] and valid (shot). Raises InputError for negative parameters.
+    Other arguments: background: "robust" is the mean of the samples without light, "outside" of all that the brightest echo
+    cannot reach, "before" of those before the first light, "off-shots" of the shots with the laser off; "none" subtracts
+    nothing, which pulls the answer to the middle of the window. reach: half width of the window about the echo in σ of the
+    response; 0 takes the whole record. min_snr: least Σ y in its standard errors (null: 4, and 0 for single photons).
+    Pile-up of single-photon counts pulls the answer to early times.
+    Returns range, sigma [m] and valid (shot). sigma² has one photoelectron more than the samples show, so that of one count
+    it is the variance of R. Raises InputError for negative parameters, and for "off-shots" where no shot is dark.
     """
-    _check(reach, min_snr, "waveform-average")
+    _check(reach, "waveform-average")
     record = read_record(capture)
-    level, number = record.outside()
-    level_var = record.variance(level) / np.maximum(number, 1)
-    if background == "none":
-        level, level_var = np.zeros_like(level), np.zeros_like(level)
-    return _centroid(record, record.z, record.variance(record.z), level, level_var, reach, min_snr)
+    least = least_snr(record, min_snr, "waveform-average")
+    level, level_var = background_level(record, background, "waveform-average")
+    return _centroid(record, record.z, record.variance(record.z), level, level_var, reach, least)
 
 
 @estimator(
@@ -92,14 +92,16 @@ def waveform_average(
     cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (recalled; correction of pile-up)",
     needs={"detector.readout.kind": "single-photon"},
 )
-def waveform_coates(capture: xr.Dataset, *, reach: float = 3.0, min_snr: float = 4.0) -> xr.Dataset:
+def waveform_coates(
+    capture: xr.Dataset, *, background: Background = "robust", reach: float = 3.0, min_snr: float | None = None
+) -> xr.Dataset:
     """Weighted average of the rates λ̂_k = −ln(1 − n_k/live_k) of a single-photon histogram.
 
     live_k is the number of pulses that no earlier count has blinded; bins without such a pulse are left out. Other
     arguments: as `waveform-average`. Returns range, sigma [m] and valid (shot). Raises InputError for analog captures:
     they have no pile-up, and the method does not apply to them.
     """
-    _check(reach, min_snr, "waveform-coates")
+    _check(reach, "waveform-coates")
     record = read_record(capture)
     if not record.single_photon:
         raise InputError(
@@ -111,6 +113,6 @@ def waveform_coates(capture: xr.Dataset, *, reach: float = 3.0, min_snr: float =
     known = np.isfinite(rate)
     z, noise = np.where(known, rate * m, 0.0), np.where(known, variance * m * m, 0.0)
     corrected = replace(record, z=z, good=record.good & known)
-    level, number = corrected.outside()
-    level_var = np.maximum(level, 0.0) / np.maximum(number, 1)
-    return _centroid(corrected, z, noise, level, level_var, reach, min_snr)
+    level, level_var = background_level(corrected, background, "waveform-coates")
+    least = least_snr(record, min_snr, "waveform-coates")
+    return _centroid(corrected, z, noise, level, level_var, reach, least)

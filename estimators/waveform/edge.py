@@ -1,4 +1,4 @@
-"""Timing by an edge: a fixed threshold (leading edge), the counter that it stops, and a constant fraction."""
+"""Timing by an edge: a fixed threshold (leading edge), and the counter that it stops."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from ...optics.time_of_flight import count_cycles, pulse_distance_eq23
 from ...scenes.errors import InputError
 from ..registry import estimator
 from ..result import range_result
+from .background import Background, background_level
 from .record import WaveformRecord, read_record
 
-__all__ = ["rise_lag", "waveform_constant_fraction", "waveform_counter", "waveform_leading_edge"]
+__all__ = ["edge_slope", "rise_lag", "waveform_counter", "waveform_leading_edge"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -62,32 +63,30 @@ def rise_lag(record: WaveformRecord, fraction: Float, smooth: int = 1) -> Float:
     return np.asarray(found, np.float64)
 
 
-def _threshold(record: WaveformRecord, threshold_sigma: float, where: str) -> Float:
-    """A level above the background of each shot: `threshold_sigma` standard deviations of the noise of the background."""
-    if threshold_sigma <= 0:
-        raise InputError("The threshold must be positive.", where=f"{where}[threshold_sigma]", value=threshold_sigma,
-                         allowed="> 0")  # fmt: skip
-    level, _ = record.outside()
-    # In a record without noise of its own, one count must still cross the level.
-    return np.asarray(level + threshold_sigma * np.sqrt(np.maximum(record.variance(level), 0.25)))
-
-
-def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str) -> tuple[Float, Float, Bool]:
+def _edge(
+    record: WaveformRecord, threshold_sigma: float, walk: str, background: Background, where: str
+) -> tuple[Float, Float, Bool]:
     """(time of the crossing less its lag behind the echo [s], its standard error, whether there is one), each (shot).
 
     On the line between two samples the mean of (1−f)² + f² is 2/3: so much of the variance of one sample is left.
     """
-    base, _ = record.outside()
-    level = _threshold(record, threshold_sigma, where)
+    if threshold_sigma <= 0:
+        raise InputError("The threshold must be positive.", where=f"{where}[threshold_sigma]", value=threshold_sigma,
+                         allowed="> 0")  # fmt: skip
+    base, _ = background_level(record, background, where)
+    # In a record without noise of its own, one count must still cross the level.
+    level = base + threshold_sigma * np.sqrt(np.maximum(record.variance(base), 0.25))
     crossing = _crossing(record, level)
     height = np.maximum(np.where(record.good, record.z, -np.inf).max(axis=1) - base, 1e-9)
     part = np.clip((level - base) / height, 1e-3, 0.95)
     fraction = np.full(len(level), 0.5)
-    if walk == "median" and crossing.found.any():
-        fraction = np.full(len(level), np.median(part[crossing.found]))
+    # Without its brightest samples an echo has no known height, and the walk of the edge no lag.
+    found = crossing.found & record.usable & ~record.clipped & record.intact(record.brightest())
+    if walk == "median" and found.any():
+        fraction = np.full(len(level), np.median(part[found]))
     # The slope comes from the response: between two noisy samples it is steepest where noise made them cross.
-    sigma = np.sqrt(2 / 3 * record.variance(level)) / (height * _edge_slope(record, part, 1))
-    return crossing.time_s - rise_lag(record, fraction), sigma, crossing.found & record.usable
+    sigma = np.sqrt(2 / 3 * record.variance(level)) / (height * edge_slope(record, part, 1))
+    return crossing.time_s - rise_lag(record, fraction), sigma, found
 
 
 @estimator(
@@ -95,18 +94,23 @@ def _edge(record: WaveformRecord, threshold_sigma: float, walk: str, where: str)
     cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (recalled; walk)",
 )
 def waveform_leading_edge(
-    capture: xr.Dataset, *, threshold_sigma: float = 8.0, walk: Literal["median", "none"] = "median"
+    capture: xr.Dataset,
+    *,
+    threshold_sigma: float = 8.0,
+    walk: Literal["median", "none"] = "median",
+    background: Background = "robust",
 ) -> xr.Dataset:
     """τ = first crossing of a fixed threshold, less the lag of the response there.
 
     A brighter echo crosses earlier (walk). Other arguments: threshold_sigma: the threshold above the background, in
     standard deviations of its noise. walk: "median" subtracts the lag at the median height of the echoes of the capture,
     as an instrument that was adjusted on its own targets does, so that echoes of another height keep their walk; "none"
-    subtracts the lag at half height. sigma is that of the noise, without the walk.
-    Returns range, sigma [m] and valid (shot). Invalid: no crossing, or a clipped sample at the crossing.
+    subtracts the lag at half height. background: as `waveform-average`. sigma is that of the noise, without the walk.
+    Returns range, sigma [m] and valid (shot). Invalid: no crossing, a clipped sample (the height, and with it the walk, are
+    then unknown), or a missing one at the crossing or in the brightest echo.
     """
     record = read_record(capture)
-    tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-leading-edge")
+    tau, sigma, found = _edge(record, threshold_sigma, walk, background, "waveform-leading-edge")
     return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
 
 
@@ -119,6 +123,7 @@ def waveform_counter(
     counter_hz: float | None = None,
     threshold_sigma: float = 8.0,
     walk: Literal["median", "none"] = "median",
+    background: Background = "robust",
 ) -> xr.Dataset:
     """The leading edge stops a counter: n = floor(f t) cycles, D = v t/2 with t = (n + ½)/f (Eq. 2.3).
 
@@ -133,70 +138,14 @@ def waveform_counter(
             "The rig has no counter.", where="waveform-counter", value=hertz, allowed="counter_hz above 0",
             next_step="waveform-counter[counter_hz=1e9], or set rig.counter_hz of the scene",
         )  # fmt: skip
-    tau, sigma, found = _edge(record, threshold_sigma, walk, "waveform-counter")
+    tau, sigma, found = _edge(record, threshold_sigma, walk, background, "waveform-counter")
     cycles = count_cycles(tau, hertz)
     distance = pulse_distance_eq23((cycles + 0.5) / hertz, 2.0 * record.m_per_s)
     sigma = np.sqrt(sigma**2 + 1.0 / (12.0 * hertz**2))
     return range_result(distance, sigma * record.m_per_s, found & (cycles >= 0))
 
 
-@estimator("waveform", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction)")
-def waveform_constant_fraction(
-    capture: xr.Dataset, *, fraction: float = 0.5, smooth: float = 0.5, min_snr: float = 4.0
-) -> xr.Dataset:
-    """τ = last crossing of a fraction of the height of the echo before its top, less the lag of the response there.
-
-    There is no walk, since the level follows the height (a parabola through the three highest samples). The record is
-    smoothed first, as the bandwidth of a comparator does: otherwise noise crosses the level many times.
-    Other arguments: fraction: 0.05 … 0.95. smooth: length of the moving average in σ of the response, 0 … 4. min_snr:
-    least height in standard deviations of the noise at the top.
-    Returns range, sigma [m] and valid (shot). Raises InputError for parameters out of range.
-    """
-    if not 0.05 <= fraction <= 0.95 or not 0 <= smooth <= 4:
-        raise InputError(
-            "A parameter is out of range.", where="waveform-constant-fraction[fraction, smooth]", value=(fraction, smooth),
-            allowed="fraction .05 … .95, smooth 0 … 4",
-        )  # fmt: skip
-    record = read_record(capture)
-    length = min(max(1, 2 * int(0.5 * smooth * record.width_s / record.step_s) + 1), record.time_s.size)
-    z = _moving_mean(np.where(record.good, record.z, 0.0), length)
-    sound = _moving_mean(record.good.astype(np.float64), length) > 1 - 0.5 / length
-    base, number = record.outside()
-    rows = np.arange(len(z))
-    top = np.clip(np.argmax(np.where(sound, z, -np.inf), axis=1), 1, z.shape[1] - 2)
-    left, mid, right = (z[rows, top + i] for i in (-1, 0, 1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        curve = left - 2 * mid + right
-        peak = np.where(curve < 0, mid - (right - left) ** 2 / (8 * curve), mid)
-        level = base + fraction * (peak - base)
-        below = (z < level[:, None]) & (np.arange(z.shape[1]) < top[:, None])
-        at = z.shape[1] - 1 - np.argmax(below[:, ::-1], axis=1)
-        found = record.usable & below.any(axis=1) & (peak - base > min_snr * np.sqrt(record.variance(mid) / length))
-        at = np.where(below.any(axis=1), at, 0)
-        found &= sound[rows, top] & sound[rows, at] & sound[rows, at + 1]
-        rise = z[rows, at + 1] - z[rows, at]
-        f = (level - z[rows, at]) / rise
-        # Neighbouring averages share all samples but one: the line between them has the noise of one average.
-        share = (1 - f) ** 2 + f**2 if length == 1 else 1.0
-        own = share * record.variance(level) / length
-        shift = fraction**2 * record.variance(mid) / length + (1 - fraction) ** 2 * record.variance(base) / number
-        # The slope comes from the response: between two noisy samples it is steepest where noise helps.
-        sigma = np.sqrt(own + shift) / ((peak - base) * _edge_slope(record, np.asarray(fraction), length))
-    tau = record.time_s[at] + record.step_s * f - rise_lag(record, np.asarray(fraction), length)
-    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
-
-
-def _edge_slope(record: WaveformRecord, fraction: Float, length: int) -> Float:
+def edge_slope(record: WaveformRecord, fraction: Float, length: int) -> Float:
     """Slope of the template at `fraction` (any shape), in heights of the template per second."""
     low, high = 0.95 * fraction, np.minimum(1.05 * fraction, 0.999)
     return np.asarray((high - low) / (rise_lag(record, high, length) - rise_lag(record, low, length)))
-
-
-def _moving_mean(z: Float, length: int) -> Float:
-    """Mean over `length` samples, an odd number; the outermost sample is repeated beyond the ends."""
-    if length == 1:
-        return z
-    half = length // 2
-    padded = np.pad(z, ((0, 0), (half + 1, half)), mode="edge")
-    total = np.cumsum(padded, axis=1)
-    return np.asarray((total[:, length:] - total[:, :-length]) / length)

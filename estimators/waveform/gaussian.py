@@ -9,6 +9,7 @@ import xarray as xr
 from ..fit import scoring
 from ..registry import estimator
 from ..result import range_result
+from .background import least_snr
 from .record import read_record
 from .start import even_weights, grid_start
 
@@ -18,13 +19,15 @@ Float = npt.NDArray[np.float64]
 
 
 @estimator("waveform", cites="Wagner et al., ISPRS J. Photogramm. 60:100, 2006 (Gaussian decomposition)")
-def waveform_gaussian(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
+def waveform_gaussian(capture: xr.Dataset, *, min_snr: float | None = None) -> xr.Dataset:
     """Least squares of A exp(−(t − t₀)²/2s²) + B over (t₀, s, A, B); τ = t₀ − lag of the centroid of the response.
 
     A tail of the response that a Gaussian cannot follow pulls t₀; sigma does not contain this bias.
-    Other arguments: min_snr: least A in its standard errors. Returns range, sigma [m] and valid (shot).
+    Other arguments: min_snr: least A in its standard errors (null: 4, and 0 for single photons).
+    Returns range, sigma [m] and valid (shot). Raises InputError for a negative min_snr.
     """
     record = read_record(capture)
+    least = least_snr(record, min_snr, "waveform-gaussian")
     begin = grid_start(record)
     width = record.width_s
     shots = len(begin)
@@ -44,6 +47,6 @@ def waveform_gaussian(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Datase
     t0, height = fit.value[:, 0], fit.value[:, 2]
     sigma, sigma_height = np.sqrt(fit.variance[:, 0]), np.sqrt(fit.variance[:, 2])
     with np.errstate(invalid="ignore"):
-        found = record.usable & fit.settled & (height > min_snr * sigma_height) & (sigma < width)
+        found = record.usable & fit.settled & (height > least * sigma_height) & (sigma < width)
         found &= (t0 > first) & (t0 < last)
     return range_result((t0 - record.centroid_s) * record.m_per_s, sigma * record.m_per_s, found)

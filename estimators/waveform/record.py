@@ -29,8 +29,9 @@ _ECHO = 1e-3
 class WaveformRecord:
     """Samples of all shots, and what the rig declares of them.
 
-    z (shot, sample): photoelectrons, offset subtracted. good (shot, sample): finite and not clipped. usable (shot):
-    marked valid, with the laser on. time_s (sample): middle of the interval of each sample, evenly spaced by step_s.
+    z (shot, sample): photoelectrons, offset subtracted. good (shot, sample): finite, not clipped, not dead. clipped (shot):
+    whether any sample of it is at the top of the converter. usable (shot): marked valid, with the laser on. dark (shot):
+    marked valid, with the laser off. time_s (sample): middle of the interval of each sample, evenly spaced by step_s.
     share: R(u), the part of an echo at τ that falls into sample k at u = τ − t_k + step/2. excess, floor_var: the variance
     of a sample of mean μ is excess·μ + floor_var. dead, pulses (shot) and live (shot, sample) belong to single-photon
     counting: bins of dead time, pulses of a shot, and pulses that no earlier count has blinded (None for analog records).
@@ -38,7 +39,9 @@ class WaveformRecord:
 
     z: Float
     good: Bool
+    clipped: Bool
     usable: Bool
+    dark: Bool
     time_s: Float
     step_s: float
     share: Response
@@ -77,29 +80,29 @@ class WaveformRecord:
         """Variance of a sample of mean photoelectrons `mean`."""
         return self.excess * np.maximum(mean, 0.0) + self.floor_var
 
-    def outside(self) -> tuple[Float, Float]:
-        """(mean of the samples that an echo at the brightest sample cannot reach (shot), their number (shot)).
-
-        Where fewer than four are left, the lowest quarter of the samples is used instead.
-        """
-        seen = np.where(self.good, self.z, -np.inf)
-        peak = self.time_s[np.argmax(seen, axis=1)]
+    @property
+    def reach(self) -> tuple[int, int]:
+        """By how many samples an echo may reach before and after its brightest sample, above `_ECHO` of its top."""
         held = self.share.value >= _ECHO * self.share.peak
         u = self.share.start_s + self.share.step_s * np.flatnonzero(held)
-        # One more step on both sides: the peak of the echo may lie anywhere in the brightest sample.
-        before, after = u[-1] - self.share.peak_s + self.step_s, self.share.peak_s - u[0] + self.step_s
-        gap = self.time_s - peak[:, None]
-        out = self.good & ((gap < -after) | (gap > before))
-        number = out.sum(axis=1)
-        few = number < 4
-        if few.any():
-            order = np.argsort(np.where(self.good[few], self.z[few], np.inf), axis=1)
-            least = np.zeros_like(out[few])
-            np.put_along_axis(least, order[:, : max(self.time_s.size // 4, 1)], True, axis=1)
-            out[few] = least & self.good[few]
-            number = out.sum(axis=1)
-        level = np.where(out, self.z, 0.0).sum(axis=1) / np.maximum(number, 1)
-        return level, number.astype(np.float64)
+        # One more step on both sides: the top of the echo may lie anywhere in the brightest sample. The next 1e-9 of a
+        # step is rounding.
+        early, late = u[-1] - self.share.peak_s + self.step_s, self.share.peak_s - u[0] + self.step_s
+        return int(late / self.step_s + 1e-9), int(early / self.step_s + 1e-9)
+
+    def brightest(self) -> npt.NDArray[np.intp]:
+        """Index of the brightest sample of each shot (shot); clipped samples count, missing and dead ones do not."""
+        return np.asarray(np.argmax(np.where(self.good | (self.z > 0), self.z, -np.inf), axis=1), np.intp)
+
+    def near(self, at: npt.NDArray[np.intp]) -> Bool:
+        """Samples that an echo may reach whose brightest sample is `at` (shot): (shot, sample)."""
+        gap = np.arange(self.time_s.size) - np.asarray(at)[:, None]
+        before, after = self.reach
+        return (gap >= -before) & (gap <= after)
+
+    def intact(self, at: npt.NDArray[np.intp]) -> Bool:
+        """Whether all samples of an echo whose brightest one is `at` are good (shot)."""
+        return np.asarray((self.good | ~self.near(at)).all(axis=1))
 
 
 @lru_cache(maxsize=8)
@@ -122,10 +125,12 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
     shots, samples = raw.shape
     time, step = _times(capture, rig)
     pulses = _per_shot(capture, "pulses", shots, rig.number("pulses_per_shot", above=0)).astype(np.float64)
-    usable = _per_shot(capture, "valid", shots, True).astype(bool) & _per_shot(capture, "laser_on", shots, True)
+    valid, lit = (_per_shot(capture, name, shots, True).astype(bool) for name in ("valid", "laser_on"))
     single = rig.word("detector.readout.kind", "analog", "single-photon") == "single-photon"
     good = np.isfinite(raw)
+    clipped = np.zeros(shots, dtype=bool)
     if single:
+        good &= raw >= 0
         z = np.where(good, raw, 0).astype(np.float64)
         dead = dead_bins(rig.number("detector.readout.dead_time_s", least=0), step, samples)
         live = live_pulses(z, pulses, dead)
@@ -133,13 +138,14 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
         noise = (1.0, 0.0)
     else:
         converter, tube = rig.converter("detector.readout"), rig.amplifier("detector.readout.avalanche")
-        good &= raw < converter.saturation_dn
+        clipped = np.asarray((raw >= converter.saturation_dn).any(axis=1))
+        good &= (raw < converter.saturation_dn) & (raw > converter.dead_dn)
         counts = np.where(np.isfinite(raw), raw, converter.offset_dn).astype(np.float64) - converter.offset_dn
         z = counts / (converter.gain_dn_per_e * tube.gain)
         noise = (tube.excess, converter.floor_e2 / tube.gain**2)
         dead, live = 0, None
     return WaveformRecord(
-        z, good, usable, time, step, _share(rig, round(step, 18)),
+        z, good, clipped, valid & lit, valid & ~lit, time, step, _share(rig, round(step, 18)),
         C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0)), *noise,
         None if rig.get("counter_hz") is None else rig.number("counter_hz"), single, dead, pulses, live,
     )  # fmt: skip

@@ -37,7 +37,9 @@ def catalogue(scene: Scene, direct: DirectScene, rung: str = "direct") -> list[E
         effect("finite source and aperture", rung == "full", *finite_size(scene, direct)),
         effect("lens point spread", False, None, "pinhole"),
         effect("pulse energy fluctuation", bool(laser.energy_fluctuation), laser.energy_fluctuation, "rms per slice"),
-        effect("jitter of single shots", bool(laser.jitter_shot_s), None, "broadens R"),
+        effect(
+            "jitter of single shots", bool(laser.jitter_shot_s), None, "broadens R and moves the mean delay of a slice"
+        ),
         effect("jitter of frames", bool(laser.jitter_frame_s), None, "moves the slice's delay"),
         effect("per-pixel gate timing", rig.gate_map is not None, None, "iris and skew"),
         effect("photon noise", True, None, "Poisson"),

@@ -11,6 +11,7 @@ from ...optics.correlation.response import Table, correlation_support, lookup
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
 from ...scenes.scene import Scene
+from ..random import jitter_about_mean
 
 __all__ = ["gate_offset", "gate_offset_image", "gate_tables", "response_width_s"]
 
@@ -21,9 +22,11 @@ _TABLE_RTOL = 1e-5
 
 
 def gate_tables(scene: Scene) -> list[Table]:
-    """R(u) of every gate, with the pulse broadened by the jitter of single shots."""
-    laser = gated_rig(scene).laser
-    pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_shot_s)
+    """R(u) of every gate, with the pulse broadened by the jitter of single shots about the mean of their slice."""
+    rig = gated_rig(scene)
+    pulse = waveforms.broadened(
+        optics_pulse(rig.laser.pulse), jitter_about_mean(rig.laser.jitter_shot_s, rig.pulses_per_slice)
+    )
     gates = enumerate(gated_rig(scene).gates)
     return [response_table(pulse, optics_gate(g), _TABLE_RTOL, f"{scene.name}: rig.gates.{i}") for i, g in gates]
 

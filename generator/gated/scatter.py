@@ -16,10 +16,11 @@ and 4 %. On dark targets in harbour water, and on corners, it is 2-6 %.
 What is left out: delays of the ramp's own light, halo from objects outside the widened image, paths with two or more turns by
 large angles, light between surfaces, and shadows in the halo.
 
-Truth. `truth_amplitude` counts the return that carries the pixel's own range: light that reached the surface directly or
-scattered, came back unscattered or scattered into the same pixel. Halo from other pixels and the ramp are part of
-`truth_background` (slice, row, col): their times carry other ranges. `truth_halo` (row, col) is the halo's light at an open
-gate: it moves with the target as a whole, and so carries range for estimators that use it (docs/decisions/0017).
+Truth. `truth_amplitude` is the light that was reflected once and not scattered, on this rung as on the others; what came from
+the pixel's own surface scattered forward, what comes from other pixels, and the ramp are `truth_background` (slice, row, col).
+`truth_halo` (row, col) is the target's part of that at an open gate: it moves with the target as a whole, and so carries range
+for estimators that use it (docs/decisions/0017). `render_scatter` itself counts as `truth_amplitude` all light of the pixel's own
+surface that arrives in the pixel.
 """
 
 from __future__ import annotations

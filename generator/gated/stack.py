@@ -11,7 +11,7 @@ from ...optics.correlation import waveforms
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.sampling import optics_gate
 from ...scenes.scene import Scene
-from ..random import Stage, generator
+from ..random import Stage, generator, jitter_of_mean
 from ..rays.returns import render_stack
 from .direct import DirectScene
 from .gates import gate_offset_image, gate_tables
@@ -47,10 +47,12 @@ def slice_settings(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """True optical delay [s] and relative pulse energy (0: laser off) of every slice.
 
-    Pulse energy fluctuates per slice (mean of the slice's pulses), and the delay jitters per slice; both are drawn
-    here, because they are common to all pixels. The draws are named, so that every caller gets the same.
+    Pulse energy fluctuates per slice (mean of the slice's pulses), and the delay jitters: per slice, and by the mean of its
+    pulses, which scatters by 1/√M of what single ones do. All are drawn here, because they are common to all pixels. The
+    draws are named, so that every caller gets the same.
     """
-    laser = gated_rig(scene).laser
+    rig = gated_rig(scene)
+    laser = rig.laser
     slices = len(coords["actual"])
     energy = np.ones(slices)
     if laser.energy_fluctuation:
@@ -59,6 +61,9 @@ def slice_settings(
     delay = coords["actual"].copy()
     if laser.jitter_frame_s:
         delay += laser.jitter_frame_s * generator(seed, key, Stage.JITTER).standard_normal(slices)
+    if laser.jitter_shot_s:
+        scatter = jitter_of_mean(laser.jitter_shot_s, rig.pulses_per_slice)
+        delay += scatter * generator(seed, key, Stage.PULSES).standard_normal(slices)
     return delay, energy * coords["laser_on"]
 
 

@@ -15,7 +15,7 @@ from ...scenes.scene import Scene
 from ...scenes.shapes import Sphere
 from ..bsdf.plugin import mitsuba_bsdf
 from ..bsdf.texture import shade_of, sphere_frame, vertex_uv
-from ..rays.backend import mitsuba, opaque
+from ..rays.backend import mitsuba, opaque, ray_scene
 from ..rays.lamp import DeviceLamp, Lamp
 from ..rays.view import View
 from .phase import PhaseCells, phase_cells_of
@@ -85,7 +85,7 @@ class PathWorld:
 
 def _geometry(scene: Scene) -> Any:
     mi = mitsuba()
-    parts: dict[str, Any] = {"type": "scene"}
+    parts: dict[str, Any] = {}
     for number, item in enumerate(scene.target):
         where = f"{scene.name}: target.{item.name}"
         _check_energy(item.material, where)
@@ -112,7 +112,7 @@ def _geometry(scene: Scene) -> Any:
         params["faces"] = np.ascontiguousarray(faces, dtype=np.uint32).ravel()
         params.update()
         parts[f"o{number}"] = mesh
-    return mi.load_dict(parts, parallel=False, optimize=False)
+    return ray_scene(parts)
 
 
 def _check_energy(material: Material, where: str) -> None:

@@ -67,7 +67,8 @@ def expect(scene: Scene, request: Request) -> Expected[Footprint]:
         "valid": True,
     }
     dark = (no_light(scene, "sample", "the field of view"),)
-    return Expected(expected, coords, truth, beam.tau.size, beam, () if float(signal.max()) > 0 else dark)
+    shown = max(float(signal.max()), float(water.max())) > 0
+    return Expected(expected, coords, truth, beam.tau.size, beam, () if shown else dark)
 
 
 def read(scene: Scene, expected: Expected[Footprint], request: Request) -> NDArray[np.uint16]:

@@ -45,6 +45,8 @@ _TABLE_ANGLES = 256
 #: Rays of a shot along which the ramp is summed, and shots at once (bounds memory).
 _RAMP_RAYS = 192
 _SHOTS = 64
+#: The light of the beam within the field is taken from so many times as many rays.
+_FINE = 64
 #: Cells of the ramp: at most this share of their range long, at most this many.
 _CELL_SHARE = 0.08
 _MOST_CELLS = 4096
@@ -192,7 +194,7 @@ def backscatter_ramp(
     low, high = edge[:-1], edge[1:]
     k = 2.0 * medium.attenuation_per_m
     weight, mean, spread = _cell_moments(low, high, k)
-    turned_back = float(phase_density(phase, np.pi))
+    turned_back = float(phase_density(phase, np.pi)) * _whole_beam(ranger, local, solid_angle)
     light = np.repeat((turned_back * lamp.intensity(local))[:, None], len(low), axis=1)
     if forward and edge[-1] > edge[0]:
         halo = tabulate_beam_halo(
@@ -207,10 +209,29 @@ def backscatter_ramp(
     amplitude = np.empty((len(limit), len(low)))
     for begin in range(0, len(limit), _SHOTS):
         part = slice(begin, begin + _SHOTS)
-        share = np.clip((limit[part, :, None] - low) / (high - low), 0.0, 1.0)
-        amplitude[part] = scale * weight * np.einsum("src,rc->sc", share, light)
+        amplitude[part] = scale * weight * np.einsum("src,rc->sc", _lit_share(limit[part], edge, k), light)
     per_metre = 2.0 * group_index(medium, ranger.wavelength_m) / C_M_PER_S
     return Ramp(amplitude, mean * per_metre, spread * per_metre)
+
+
+def _whole_beam(ranger: Ranger, local: Float, solid_angle: Float) -> float:
+    """∫_F I dΩ over its sum on this lattice: a few hundred rays meet a narrow beam or field by chance to some 10⁻³."""
+    fine, part = covering_lattice(ranger, _FINE * 4 * _RAMP_RAYS, field_only=True)
+    coarse = float(np.sum(ranger.lamp.intensity(local) * solid_angle))
+    return float(np.sum(ranger.lamp.intensity(fine) * part)) / coarse if coarse > 0.0 else 1.0
+
+
+def _lit_share(limit: Float, edge: Float, k: float) -> Float:
+    """Share (shot, ray, cell) of ∫ e^{−kr}/r² dr of a cell that lies before the end of a ray (shot, ray).
+
+    The integral is [E₂(kr)/r]; within a cell its logarithm is linear in ln r to 10⁻⁴ (cells are at most 8 % of r long), so
+    that the share follows from e^{−kr}/r² at the cell's ends by a power of r.
+    """
+    low, high = edge[:-1], edge[1:]
+    end = np.clip(limit[..., None], low, high)
+    # e^{−kr}/r² = r^(−q) within the cell, with q from both ends; ∫ r^(−q) dr = r^(1−q)/(1−q).
+    power = 1.0 - 2.0 - k * (high - low) / np.log(high / low)
+    return np.asarray(np.expm1(power * np.log(end / low)) / np.expm1(power * np.log(high / low)))
 
 
 def _cells(nearest: float, furthest: float, step_m: float) -> Float:

@@ -33,7 +33,7 @@ def waveform_effects(scene: Scene, expected: Expected[Footprint], rung: str) -> 
                 if analog else "counts are independent"),
         effect("pulse energy fluctuation", bool(rig.laser.energy_fluctuation), rig.laser.energy_fluctuation,
                 "rms per shot"),
-        effect("jitter of pulses", bool(rig.laser.jitter_pulse_s), None, "broadens the waveform"),
+        effect("jitter of pulses", bool(rig.laser.jitter_pulse_s), None, "broadens and moves the record"),
         effect("jitter of shots", bool(rig.laser.jitter_shot_s), None, "moves the record"),
         effect("read noise", analog, None, "Gaussian, white"),
         effect("avalanche excess noise", isinstance(readout, AnalogReadout) and readout.avalanche is not None, None, "gamma"),

@@ -17,13 +17,13 @@ from ...optics.constants import C_M_PER_S
 from ...optics.correlation import waveforms
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.parts import Detector, Intensifier
-from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, shown_pulse, waveform_rig
+from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
 from ...scenes.sampling import response_table
 from ...scenes.scene import Scene
 from ..detector import detect, fixed_pattern
 from ..effect import no_light
 from ..model import Expected
-from ..random import Stage, blocks, generator
+from ..random import Stage, blocks, generator, jitter_about_mean, jitter_of_mean
 from ..rays.lamp import RoundBeam
 from ..rays.returns import gather_returns, render_stack
 from ..request import Request
@@ -76,7 +76,8 @@ def expect(scene: Scene, request: Request) -> Expected[Footprint]:
         "valid": True,
     }
     dark = (no_light(scene, "sample", f"the record {setting[0]:.4g} … {setting[-1]:.4g} s"),)
-    return Expected(expected, coords, truth, beam.tau.size, beam, () if float(signal.max()) > 0 else dark)
+    shown = float(signal.max()) > 0 or (ramp is not None and float(water.max()) > 0)
+    return Expected(expected, coords, truth, beam.tau.size, beam, () if shown else dark)
 
 
 def read(scene: Scene, expected: Expected[Footprint], request: Request) -> NDArray[np.uint16]:
@@ -144,7 +145,10 @@ def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, k
             energy[part] = np.maximum(1 + rig.laser.energy_fluctuation * draw, 0.0)
         if rig.laser.jitter_shot_s:
             jitter[part] = rig.laser.jitter_shot_s * generator(seed, key, Stage.JITTER, block).standard_normal(size)
-    pulse, delay = shown_pulse(rig)
+        if rig.laser.jitter_pulse_s:
+            scatter = jitter_of_mean(rig.laser.jitter_pulse_s, rig.pulses_per_shot)
+            jitter[part] += scatter * generator(seed, key, Stage.PULSES, block).standard_normal(size)
+    pulse, delay = _pulse_of_a_record(rig)
     gate = waveforms.RectangularGate(step, 1.0)
     table = response_table(pulse, gate, _TABLE_RTOL, f"{scene.name}: rig.record.step_s")
     sigma = float(np.sqrt(waveforms.pulse_variance(pulse)))
@@ -158,6 +162,12 @@ def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, k
     out = np.empty((samples, shots), dtype=np.float32)
     render_stack(returns, table, opening, np.ones(samples), jitter, out)
     return np.maximum(out.T, 0.0)
+
+
+def _pulse_of_a_record(rig: WaveformRig) -> tuple[waveforms.Pulse, float]:
+    """`shown_pulse` with its pulses jittering about the mean of the record's, which is drawn."""
+    about = jitter_about_mean(rig.laser.jitter_pulse_s, rig.pulses_per_shot)
+    return shown_pulse(rig.model_copy(update={"laser": rig.laser.model_copy(update={"jitter_pulse_s": about})}))
 
 
 def analog_detector(readout: AnalogReadout) -> Detector:

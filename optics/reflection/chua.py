@@ -3,8 +3,10 @@
     K_S/cos⁶θ · exp(−tan²θ/s²) + K_D cosᵐθ
 
 It is stated for a coaxial rig: one θ is «the angle of incidence and reflection». Its specular term is Beckmann's
-D/(4cos²θ) times 4πs²K_S, a BRDF without foreshortening, while K_D cosᵐθ at m = 1 is Lambert *with* foreshortening, and
-Eq. 6 multiplies by no further cosθ. No single reading makes both terms right, so the reading is a named choice.
+D/(4cos²θ) times 4πs²K_S, facets without masking: a BRDF, without foreshortening. Its diffuse term is Lambert's BRDF for
+m = 0, and Lambert *with* foreshortening for m = 1. So at m = 0 both terms are BRDFs, and the convention "brdf" (or
+"reciprocal") is the right reading; Eq. 6, which multiplies by no further cosθ, then lacks it. At m = 1 "as-printed-radiance"
+makes the diffuse term right and the specular one too bright by 1/cosθ. The document gives no m, so the reading is a named choice.
 """
 
 from __future__ import annotations

@@ -39,7 +39,9 @@ _PS = 1e-12
 
 
 class Laser(Spec):
-    """A pulsed laser. `jitter_shot_s` is drawn per pulse (broadens the response), `jitter_frame_s` per slice.
+    """A pulsed laser. `jitter_shot_s` is the rms delay of single *pulses*: it broadens the response, and the mean of the M
+    pulses of a slice scatters by 1/√M of it (a rig that records waveforms calls this `jitter_pulse_s`; its `jitter_shot_s` is
+    that of records). `jitter_frame_s` is that of whole slices. Both are drawn per slice.
 
     `source_radius_m` (0: a point): radius of an evenly bright disc across the beam, of which every point sends out the same
     profile; the `full` rung models it.
@@ -181,6 +183,7 @@ def _check(scene: RigScene) -> None:
     """Refuse gates that are open for too long, and pulses and gates that no declared rig can hold as samples."""
     rig = gated_rig(scene)
     _check_gates(scene, rig)
+    _check_period(scene, rig)
     _sample_step(rig, scene.name)
 
 
@@ -197,6 +200,21 @@ def _check_gates(scene: RigScene, rig: GatedRig) -> None:
                 allowed=f"below exposure_s/pulses_per_slice = {period:.4g} s",
                 next_step="shorten the gate, or lower rig.pulses_per_slice, or raise rig.detector.exposure_s",
             )
+
+
+def _check_period(scene: RigScene, rig: GatedRig) -> None:
+    """Refuse delays beyond the next pulse: the gate would see the echo of a later pulse too, and none is modelled."""
+    period = rig.detector.exposure_s / rig.pulses_per_slice
+    latest = rig.delays.start_s + rig.delays.step_s * (rig.delays.count - 1)
+    if latest >= period:
+        raise InputError(
+            "A gate opens after the next pulse has left: it sees the echoes of several pulses (range ambiguity), and one is "
+            "modelled.",
+            where=f"{scene.name}: rig.pulses_per_slice",
+            value=f"delays up to {latest:.4g} s, pulses {period:.4g} s apart",
+            allowed=f"delays below exposure_s/pulses_per_slice = {period:.4g} s",
+            next_step="lower rig.pulses_per_slice, or raise rig.detector.exposure_s",
+        )
 
 
 def _sample_step(rig: GatedRig, where: str) -> float:

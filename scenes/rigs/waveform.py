@@ -49,8 +49,9 @@ _SAMPLES_PER_SIGMA = 32
 
 
 class PulsedLaser(Spec):
-    """A pulsed laser. `jitter_pulse_s` is drawn per pulse (broadens a shot of many pulses), `jitter_shot_s` moves the
-    whole record of a shot; `energy_fluctuation` is the relative rms of a shot's energy."""
+    """A pulsed laser. `jitter_pulse_s` is the rms delay of single pulses: it broadens a record, and the mean of the M pulses
+    of a shot scatters by 1/√M of it (a gated rig calls this `jitter_shot_s`). `jitter_shot_s` is that of whole *records* (a
+    gated rig's `jitter_frame_s`). Both are drawn per shot. `energy_fluctuation` is the relative rms of a shot's energy."""
 
     wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
     pulse_energy_j: Energy

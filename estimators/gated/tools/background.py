@@ -15,17 +15,17 @@ __all__ = ["from_off_slices", "from_outside"]
 Float = npt.NDArray[np.float64]
 
 
-def from_off_slices(stack: Stack) -> tuple[Float, float]:
+def from_off_slices(stack: Stack, where: str = "weighted-average") -> tuple[Float, float]:
     """Mean count [DN] (row, col) of the laser-off slices per nominal exposure, and the number of such exposures.
 
-    Raises InputError where there is no such slice.
+    where: name of the estimator, for the message. Raises InputError where there is no such slice.
     """
     off = stack.slices[stack.group >= stack.signal]
     if off.size == 0:
         raise InputError(
             "The capture has no laser-off slice.",
-            where="weighted-average[background=off-slices]",
-            allowed="none, min, outside",
+            where=f"{where}[background=off-slices]",
+            allowed="none, outside",
             next_step="generate with rig.delays.laser_off > 0",
         )
     total = np.zeros(stack.counts.shape[1:])

@@ -162,7 +162,7 @@ def _windows(z, light, k0, shift, zs, outside, beyond):  # type: ignore[no-untyp
 
 @kernel(error_model="numpy")
 def _guess(scores, top, best, light, groups, grid, mean, norm, span, low, high, floor, x, a, b, k0):  # type: ignore[no-untyped-def]
-    """The start (x, A, B) of every pixel of a tile, and the first slice of its window; A = 0 where there is none."""
+    """The start (x, A, B) of every pixel of a tile, and the first slice of its window; A = 0 without a start."""
     stride = grid[1] - grid[0] if grid.size > 1 else 0.0
     half, pad = span
     for c in range(k0.size):

@@ -27,7 +27,7 @@ class Instrument:
     `rig` is the declared rig itself, for values that few estimators need. `dn_per_pe` is DN per photoelectron (gain of an
     intensifier included), `excess` the excess noise factor F² (1 without an intensifier), `floor_var` the variance in
     photoelectrons² that does not grow with light (read noise, ADC step), `saturation_dn` the count from which a sample is
-    taken as clipped.
+    taken as clipped, `dead_dn` the count at and below which it is no datum (−inf where the offset is low).
     """
 
     rig: DeclaredRig
@@ -47,6 +47,7 @@ class Instrument:
     excess: float
     floor_var: float
     saturation_dn: float
+    dead_dn: float
     pulses_per_slice: float
 
     @property
@@ -130,6 +131,7 @@ def _instrument(rig: DeclaredRig) -> Instrument:
         excess=tube.excess,
         floor_var=converter.floor_e2 / tube.gain**2,
         saturation_dn=converter.saturation_dn,
+        dead_dn=converter.dead_dn,
         pulses_per_slice=rig.number("pulses_per_slice", above=0),
     )
 

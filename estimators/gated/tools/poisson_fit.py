@@ -27,7 +27,7 @@ def _match(z, table, first, last, j):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=FAST, error_model="numpy")
 def start(z, e, s, table, first, last, candidates, box, mean, norm, running):  # type: ignore[no-untyped-def]
-    """Matched filter with the background projected out: (x, A, B) of the best candidate; A ≤ 0 where there is none.
+    """Matched filter with the background projected out: (x, A, B) of the best candidate; A ≤ 0 without one.
 
     score_j = Σ z·(v − m·e)/|v − m·e| on a grid of ¾ σ_R, its maximum refined by a parabola. Running sums over boxes (R
     above .3 of its peak: 6 % less signal to noise than the matched filter) select the candidates to try; where the best

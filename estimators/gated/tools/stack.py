@@ -30,7 +30,8 @@ _plans: OrderedDict[tuple[Any, ...], Stack] = OrderedDict()
 class Stack:
     """Counts, and the plan for reading them.
 
-    counts (slice, row, col) are never copied. `slices` are the slices that are used, `group` the group of each. Per group:
+    counts (slice, row, col) are those of the capture, copied only where a sample is dead: it is NaN here. `slices` are the
+    slices that are used, `group` the group of each. Per group:
     delay_s, gate, count (slices summed) and exposure (Σ pulses / nominal pulses); the first `signal` groups hold signal,
     sorted by delay. `frames` is the number of frames averaged into one float32 value (1 for uint16). `key` identifies the
     plan, which is everything but the counts.
@@ -116,7 +117,14 @@ def read_stack(capture: xr.Dataset) -> Stack:
         _plans[key] = _plan(instrument, delay, gate, pulses, laser, valid, frames, key)
         while len(_plans) > 8:
             _plans.popitem(last=False)
-    return replace(_plans[key], counts=counts)
+    return replace(_plans[key], counts=_without_dead(counts, instrument.dead_dn))
+
+
+def _without_dead(counts: npt.NDArray[Any], dead_dn: float) -> npt.NDArray[Any]:
+    """The counts; with NaN (float32) for samples at and below `dead_dn`, where there are any."""
+    if not np.isfinite(dead_dn) or not (found := counts <= dead_dn).any():
+        return counts
+    return np.where(found, np.float32(np.nan), counts.astype(np.float32))
 
 
 def _plan(

@@ -26,7 +26,7 @@ from .stack import Stack
 __all__ = ["Vertex", "vertex_sigma"]
 
 Float = npt.NDArray[np.float64]
-#: x(y before, at, after, step before, step after): place of the vertex after the brightest sample, NaN where there is none.
+#: x(y before, at, after, step before, step after): place of the vertex after the brightest sample, NaN without one.
 Vertex = Callable[[Float, Float, Float, Float, Float], Float]
 Level = Literal["least", "mean", "left"]
 

@@ -18,7 +18,7 @@ from .tools.instrument import Instrument
 from .tools.maximum import TILE, brightest
 from .tools.stack import load_row, read_stack
 
-__all__ = ["chua_2016", "expected_electrons"]
+__all__ = ["radiometric_average", "expected_electrons"]
 
 Float = npt.NDArray[np.float64]
 
@@ -112,24 +112,26 @@ def _iterate(  # type: ignore[no-untyped-def]
                 ok[row, col] = done
 
 
-@estimator("gated", cites="after Chua et al., J. Eur. Opt. Soc. Rapid Publ. 11:16015, 2016 (noise-weighted average)")
-def chua_2016(
+@estimator("gated", cites="this project; light by Guo et al., final report, 2017 (Eq. 4 and 6)")
+def radiometric_average(
     capture: xr.Dataset, *, k_s: float = 0.0, k_d: float = 0.16, slope: float = 0.3, diffusivity: float = 1.0,
     k: float = 1.0, phi: float | None = None,
 ) -> xr.Dataset:  # fmt: skip
-    """Weighted average with w_k = S_k/(F²(S_k + B) + σ_r²), S_k = α(r, θ)·R(τ−t_k) from the LADAR equation.
+    """Average with radiometric weights w_k = S_k/(F²(S_k + B) + σ_r²), S_k = α(r, θ)·R(τ−t_k) from the LADAR equation.
 
     α is `expected_electrons` with Eq. 4 in 1/sr at the angle θ = (ρ/ρ_max)^k·φ of the model: a wrong reflection gives wrong
     weights (more noise) here, while it cancels in `chua-2017`. B is the mean of the slices that R does not reach. τ is
     moved until the weighted centroid of the data equals that of A·R + B under the same weights; otherwise weights that
-    follow τ would hold it back. Other arguments: as `chua-2017` (k_d = .16/sr: a Lambert albedo of .5).
+    follow τ would hold it back. At that point it is near maximum likelihood. It is not the estimator of Chua et al. 2016 (J.
+    Eur. Opt. Soc. Rapid Publ. 11:16015), whose weights come from a detection threshold and the system's noise.
+    Other arguments: as `chua-2017` (k_d = .16/sr: a Lambert albedo of .5).
     Returns range, sigma [m] by error propagation, valid (row, col): settled within 50 steps inside the window, no
     clipped sample, brightest slice above the background by 2 standard deviations. Raises InputError for parameters that
     are no reflection, and for a rig that lacks a value.
     """
     if k_s < 0 or k_d < 0 or k_s + k_d <= 0 or slope <= 0:
         raise InputError(
-            "The parameters describe no reflection.", where="chua-2016[k_s, k_d, slope]", value=(k_s, k_d, slope),
+            "The parameters describe no reflection.", where="radiometric-average[k_s, k_d, slope]", value=(k_s, k_d, slope),
             allowed="k_s, k_d >= 0 and not both 0, slope > 0",
         )  # fmt: skip
     stack = read_stack(capture)

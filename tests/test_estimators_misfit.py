@@ -1,0 +1,62 @@
+"""The stated error of pixels that see two surfaces: drawn here from Gaussians, whose mixture has a variance in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beambench.benchmarks.written.gated_stack import GaussianRig, stack_capture
+from beambench.estimators import run_estimator
+from beambench.optics.constants import C_M_PER_S
+
+HALF_C = C_M_PER_S / 2
+SHAPE = (60, 80)
+RIG = GaussianRig(sigma_s=0.6e-9, read_noise_e=1.0, offset_dn=50.0)
+
+
+def _pixels(apart_s: float, share: float, light: float, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(range [m], sigma [m], τ of the first surface) of echoes of which `share` comes from `apart_s` later."""
+    rng = np.random.default_rng(seed)
+    tau = rng.uniform(RIG.delay_s[16], RIG.delay_s[-20], SHAPE) + RIG.centre_s
+    u = tau[None] - RIG.delay_s[:, None, None]
+    mean = light * ((1 - share) * RIG.response(u) + share * RIG.response(u + apart_s)) + 5.0
+    electrons = rng.poisson(mean) + RIG.read_noise_e * rng.normal(size=mean.shape)
+    capture = stack_capture(RIG, np.rint(50 + electrons).clip(0, 65535).astype(np.uint16), RIG.declared(*SHAPE))
+    found = run_estimator("poisson-ml", capture)
+    assert found["valid"].values.all()
+    return found["range"].values, found["sigma"].values, tau
+
+
+def test_an_unmixed_pixel_keeps_its_sigma() -> None:
+    _, sigma, _ = _pixels(0.0, 0.0, 2000.0)
+    # Fisher information of a Gaussian echo: σ_R²/N at small background, the same for all but for noise of a few per cent.
+    enlarged = sigma > 1.25 * np.median(sigma)
+    # The score test at 3.5 σ and χ² at 3.5 σ, each below 1e-3 in a tail that is skewed; 4,800 pixels.
+    assert enlarged.sum() <= 20
+
+
+@pytest.mark.parametrize("share", [0.5, 0.25])
+@pytest.mark.parametrize("apart", [1.0, 1.8])
+def test_sigma_holds_the_spread_of_two_surfaces(share: float, apart: float) -> None:
+    delta = apart * RIG.sigma_s
+    value, sigma, tau = _pixels(delta, share, 4000.0)
+    error = np.minimum(np.abs(value - tau * HALF_C), np.abs(value - (tau + delta) * HALF_C))
+    # Two delays: the variance f(1 − f)δ², which the expansion to first order gives within a third up to 1.8 σ_R.
+    spread = np.sqrt(share * (1 - share)) * delta * HALF_C
+    assert np.median(sigma) == pytest.approx(spread, rel=0.35)
+    # Without it sigma is that of an echo of R, and the errors are many times as large.
+    z = error / sigma
+    assert np.sqrt((z**2).mean()) < 1.4
+    assert np.sqrt((error**2).mean()) / (RIG.sigma_s * HALF_C / np.sqrt(4000.0 * RIG.sigma_s / RIG.step_s)) > 5
+
+
+def test_a_narrow_declared_response_is_seen() -> None:
+    rng = np.random.default_rng(2)
+    tau = rng.uniform(RIG.delay_s[16], RIG.delay_s[-20], SHAPE) + RIG.centre_s
+    wide = GaussianRig(sigma_s=0.8e-9)
+    mean = 4000.0 * wide.response(tau[None] - RIG.delay_s[:, None, None] - RIG.centre_s + wide.centre_s) + 5.0
+    electrons = rng.poisson(mean) + RIG.read_noise_e * rng.normal(size=mean.shape)
+    capture = stack_capture(RIG, np.rint(50 + electrons).clip(0, 65535).astype(np.uint16), RIG.declared(*SHAPE))
+    sigma = run_estimator("poisson-ml", capture)["sigma"].values
+    # V = .8² − .6² ns².
+    assert np.median(sigma) == pytest.approx(np.sqrt(0.28) * 1e-9 * HALF_C, rel=0.25)
