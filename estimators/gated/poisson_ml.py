@@ -23,8 +23,9 @@ from .tools.stack import Stack, load_row, read_stack
 __all__ = ["poisson_ml"]
 
 Float = npt.NDArray[np.float64]
-#: tau, sigma, ok and again (row, col).
-_Out = tuple[Float, Float, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]
+_Bool = npt.NDArray[np.bool_]
+#: tau, sigma, ok, again and suspect (row, col).
+_Out = tuple[Float, Float, _Bool, _Bool, _Bool]
 
 
 @kernel(error_model="numpy")
@@ -225,7 +226,7 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     floor = -0.5 * float((shift / stack.exposure).min())
     levels = (rig.offset_dn, scale * stack.frames, rig.saturation_dn)
     value, sigma = np.empty(shape), np.empty(shape)
-    valid, again = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
+    valid, again, suspect = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool), np.ones(shape, dtype=bool)
     design = design_of(stack)
     units = (factor * design.origin_s, factor * design.step_s)
     bounds = (design.low, design.high, design.width, floor)
@@ -235,12 +236,12 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     if design.corners or stack.signal == 2:
         _fit_flat_rows(*common, value, sigma, valid)
     else:
-        _fit_smooth(stack, levels, shift, floor, min_snr, factor, (value, sigma, valid, again))
+        _fit_smooth(stack, levels, shift, floor, min_snr, factor, (value, sigma, valid, again, suspect))
         # Also where no pixel needs it: a warm-up must compile the same kernels for all data.
         _fit_rows(*common, value, sigma, valid, again)
     state_misfit(
         stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first, design.last,
-        design.width, floor, LIMIT, units, value, sigma, valid,
+        design.width, floor, LIMIT, units, value, sigma, valid & suspect,
     )  # fmt: skip
     if direct:
         valid &= value > 0
@@ -253,8 +254,9 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
 def _fit_smooth(
     stack: Stack, levels: tuple[float, ...], shift: Float, floor: float, min_snr: float, factor: float, out: _Out
 ) -> None:
-    """Fit even delays in tiles; `again` (the last of `out`) marks the pixels that are left, all of them for other stacks."""
-    value, sigma, valid, again = out
+    """Fit even delays in tiles; `again` marks the pixels that are left, all of them for other stacks, and `suspect` those
+    whose profile may not be R."""
+    value, sigma, valid, again, suspect = out
     even = even_design_of(stack)
     if even is None:
         again[:] = True
@@ -264,8 +266,9 @@ def _fit_smooth(
     # One path for any memory layout: another one would settle within its tolerance, but not on the same bits.
     flat = np.ascontiguousarray(stack.counts).reshape(stack.counts.shape[0], -1)
     fit_even(
-        flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]), even.table, even.phases, even.xi,
+        flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]),
+        (even.table, even.bend, even.tiny), even.phases, even.xi,
         even.mask, even.pad, (even.low, even.high), even.width, even.grid, even.template, even.span, even.mean,
         even.norm, min_snr, (factor * even.origin_s, factor * even.step_s), value.reshape(-1), sigma.reshape(-1),
-        valid.reshape(-1), again.reshape(-1),
+        valid.reshape(-1), again.reshape(-1), suspect.reshape(-1),
     )  # fmt: skip

@@ -33,13 +33,16 @@ _kept: OrderedDict[tuple[object, ...], EvenDesign | None] = OrderedDict()
 class EvenDesign:
     """The table and what a fit needs beside it.
 
-    table (row, order, slice of the window). phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices that exist, from
+    table (row, order, slice of the window). bend (row, slice of the window): R(ξ+d) + R(ξ−d) − 2R(ξ), d = σ_R/2: 2d² times the
+    curvature that `misfit` takes. tiny: 1e-6 of the peak. phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices that exist, from
     `-pad` on. low, high: x between which an echo lies well inside the window. width: σ_R in steps. grid: x of the matched
     filter that starts a fit, with template (candidate, slice), span (first, last + 1), mean (projection on the background)
     and norm (1/length without it). origin_s, step_s: delay of slice 0, and the step h.
     """
 
     table: Single
+    bend: Single
+    tiny: float
     phases: int
     xi: float
     mask: Single
@@ -82,6 +85,9 @@ def _build(stack: Stack) -> EvenDesign | None:
     u = xi + np.arange(rows)[:, None] / phases - np.arange(slices)
     value, slope, _bend = response(np.asarray(u * step, dtype=np.float64))
     table = np.stack([value, slope * step / phases], axis=1) * stack.exposure[0]
+    half = 0.5 * width
+    sides = sum(response(np.asarray((u + side) * step, dtype=np.float64))[0] for side in (-half, half))
+    bend = (sides - 2 * value) * stack.exposure[0]
 
     fine = np.arange(first, n - 1 + last, 1 / phases)
     light = np.zeros(fine.size)
@@ -100,6 +106,8 @@ def _build(stack: Stack) -> EvenDesign | None:
     mask[pad : pad + n] = 1
     return EvenDesign(
         table=table.astype(np.float32),
+        bend=np.asarray(bend, dtype=np.float32),
+        tiny=1e-6 * response.peak * float(stack.exposure[0]),
         phases=phases,
         xi=float(xi),
         mask=mask.astype(np.float32),

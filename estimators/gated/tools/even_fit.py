@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....optics.jit import kernel
+from .even_screen import screen
 from .poisson_fit import SETTLED
 
 __all__ = ["fit_even"]
@@ -208,13 +209,16 @@ def _fit(zs, mask, m0, table, phases, xi, outside, beyond, s, floor, low, high, 
 
 @kernel(error_model="numpy")
 def fit_even(  # type: ignore[no-untyped-def]
-    counts, slices, levels, s, floor, table, phases, xi, mask, pad, bounds, width, grid, template, span, mean, norm,
-    snr, units, tau, sigma, ok, again,
+    counts, slices, levels, s, floor, tables, phases, xi, mask, pad, bounds, width, grid, template, span, mean, norm,
+    snr, units, tau, sigma, ok, again, suspect,
 ):  # fmt: skip
     """Fit all pixels of counts (slice, pixel): tau = units[0] + units[1]·x, sigma = units[1]·σ_x, x in steps from slice 0;
     NaN where not ok. `again` marks pixels that have a clipped sample or did not settle: they are left to the careful path.
-    See `poisson_ml` for the other arguments."""
+    `suspect` marks those whose profile may not be R (`even_screen`), and all that are left. tables: `table`, `bend` and
+    `tiny` of the design. See `poisson_ml` for the other arguments."""
     offset, scale, saturation = levels
+    table, bend, tiny = tables
+    tiny = np.float32(tiny)
     low, high = bounds
     groups, window = slices.size, table.shape[2]
     z = np.zeros((groups, TILE), np.float32)
@@ -225,8 +229,8 @@ def fit_even(  # type: ignore[no-untyped-def]
     x, a, b, outside, beyond = np.zeros(TILE), np.zeros(TILE), np.zeros(TILE), np.zeros(TILE), np.zeros(TILE)
     var_x, var_a, before = np.zeros(TILE), np.zeros(TILE), np.zeros(TILE)
     k0 = np.zeros(TILE, np.int64)
-    sums = np.ones((9, TILE), np.float32)
-    active, done = np.zeros(TILE, np.uint8), np.zeros(TILE, np.uint8)
+    sums = np.ones((19, TILE), np.float32)
+    active, done, doubtful = np.zeros(TILE, np.uint8), np.zeros(TILE, np.uint8), np.zeros(TILE, np.bool_)
     shift = np.float32(s)
     span_x = (xi + 0.5 * (table.shape[0] - 1) / phases - 0.5, pad)
     pixels = counts.shape[1]
@@ -242,6 +246,9 @@ def fit_even(  # type: ignore[no-untyped-def]
             zs, mask, pad, table, phases, xi, outside, beyond, s, floor, low, high, width, k0,
             (x, a, b, before, var_x, var_a), sums, active, done,
         )  # fmt: skip
+        screen(
+            zs, mask, pad, table, bend, tiny, phases, xi, outside, beyond, s, floor, k0, x, a, b, sums, done, doubtful,
+        )  # fmt: skip
         for c in range(number):
             p = p0 + c
             again[p] = (done[c] == 0) & ((bad[c] != 0) | (best[c] >= 0))
@@ -249,4 +256,4 @@ def fit_even(  # type: ignore[no-untyped-def]
             good = good & (low < x[c]) & (x[c] < high)
             tau[p] = units[0] + units[1] * x[c] if good else np.nan
             sigma[p] = units[1] * np.sqrt(var_x[c]) if good else np.nan
-            ok[p] = good
+            ok[p], suspect[p] = good, doubtful[c]

@@ -104,12 +104,12 @@ def _spread(zs, e, s, value, slope, bend, k0, k1, out, a, b, held):  # type: ign
 
 
 @kernel(error_model="numpy")
-def state_misfit(counts, slices, group, e, s, levels, table, first, last, width, floor, limit, units, tau, sigma, ok):  # type: ignore[no-untyped-def]
+def state_misfit(counts, slices, group, e, s, levels, table, first, last, width, floor, limit, units, tau, sigma, suspect):  # type: ignore[no-untyped-def]
     """Enlarge sigma (row, col) in place where the profile of a pixel is not R; arguments as `poisson_ml._fit_rows`.
 
     sigma² becomes sigma² + V where V exceeds `limit` of its standard errors, and at least sigma²·χ²/(n − 3) where χ² exceeds
     its mean by as many standard deviations. Pixels that have a clipped or missing sample, or fewer than five groups, are
-    left alone. Groups beyond R enter as their sum.
+    left alone. Groups beyond R enter as their sum. suspect (row, col): the pixels to look at.
     """
     offset, scale, saturation = levels
     n, rows, cols = e.size, counts.shape[1], counts.shape[2]
@@ -120,10 +120,16 @@ def state_misfit(counts, slices, group, e, s, levels, table, first, last, width,
     for row in range(rows):
         for begin in range(0, cols, TILE):
             number = min(TILE, cols - begin)
-            load_row(counts, slices, group, row, begin, offset, scale, saturation, z[:number], bad[:number])
+            few = 8 * suspect[row, begin : begin + number].sum() < number
+            if not few:
+                load_row(counts, slices, group, row, begin, offset, scale, saturation, z[:number], bad[:number])
             for c in range(number):
                 col = begin + c
-                if not ok[row, col] or bad[c] != 0:
+                if not suspect[row, col]:
+                    continue
+                if few:
+                    load_row(counts, slices, group, row, col, offset, scale, saturation, z[c : c + 1], bad[c : c + 1])
+                if bad[c] != 0:
                     continue
                 x = (tau[row, col] - units[0]) / units[1]
                 if not (half + 1 < x < table.shape[0] - half - 2):

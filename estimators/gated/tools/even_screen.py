@@ -1,0 +1,114 @@
+"""Screening of settled echoes for a profile that is not R: `misfit` in single precision, on tiles of pixels.
+
+`state_misfit` costs several times the fit of an even stack, and changes few pixels. Here V and χ² come from one more pass
+over the window at the fitted (x, A, B), so that only pixels beyond `SCREEN` standard errors need `state_misfit`, whose
+limit is higher: what the pass lacks (its rounding, the curvature at the nearest row) is far below the difference.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....optics.jit import kernel
+from .misfit import LIMIT
+
+__all__ = ["SCREEN", "screen"]
+
+#: Standard errors beyond which a pixel goes to `state_misfit`, whose own limit is LIMIT.
+SCREEN = LIMIT - 0.5
+FAST = {"reassoc", "contract", "arcp"}
+
+
+@kernel(fastmath=FAST, error_model="numpy")
+def _sums(zs, c, mask, m0, table, bend, tiny, j, f, a, b, s, out):  # type: ignore[no-untyped-def]
+    """out[:, c] = information and score of (V, x, A, B) of pixel c, the first nine as in `even_fit._sums`; Pearson's sum over
+    the slices that R or its curvature (in units of `tiny`) reaches, its variance and the number of these slices; the sum and
+    number of the other slices of the window."""
+    zero, one, two = np.float32(0), np.float32(1), np.float32(2)
+    jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb = zero, zero, zero, zero, zero, zero, zero, zero, zero
+    jvv, jvx, jva, jvb, gv, square, spread, number, rest, others = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
+    level = b + s
+    for k in range(zs.shape[1]):
+        slope, m, v = table[j, 1, k], mask[m0 + k], bend[j, k]
+        value = table[j, 0, k] + f * slope
+        mean = a * value + level
+        w = m / mean
+        r = zs[c, k] * w - m
+        vw, dw, cw = value * w, slope * w, v * w
+        jbb += w
+        jab += vw
+        jaa += value * vw
+        jxb += dw
+        jxa += value * dw
+        jxx += slope * dw
+        jvb += cw
+        jva += value * cw
+        jvx += slope * cw
+        jvv += v * cw
+        gb += r
+        ga += value * r
+        gx += slope * r
+        gv += v * r
+        inside = m if (value > tiny) | (v > tiny) else zero
+        square += inside * mean * r * r
+        spread += inside * (two + one / mean)
+        number += inside
+        rest += (m - inside) * zs[c, k]
+        others += m - inside
+    out[0, c], out[1, c], out[2, c], out[3, c], out[4, c], out[5, c] = jxx, jxa, jxb, jaa, jab, jbb
+    out[6, c], out[7, c], out[8, c] = gx, ga, gb
+    out[9, c], out[10, c], out[11, c], out[12, c], out[13, c] = jvv, jvx, jva, jvb, gv
+    out[14, c], out[15, c], out[16, c], out[17, c], out[18, c] = square, spread, number, rest, others
+
+
+@kernel(fastmath={"contract"}, error_model="numpy")
+def _judge(sums, outside, number, s, floor, b, suspect):  # type: ignore[no-untyped-def]
+    """suspect[c]: V or χ² of pixel c is beyond SCREEN of its standard errors, or not told by its sums."""
+    for c in range(b.size):
+        n = number[c]
+        w = 1 / (b[c] + s)
+        jxx, jxa, jxb, gx = float(sums[0, c]), float(sums[1, c]), float(sums[2, c]), float(sums[6, c])
+        jaa, jab, ga = float(sums[3, c]), float(sums[4, c]), float(sums[7, c])
+        jbb = sums[5, c] + n * w
+        gb = sums[8, c] + ((outside[c] + n * s) * w - n if n > 0 else 0.0)
+        jvv, jvx, jva, jvb = float(sums[9, c]), float(sums[10, c]), float(sums[11, c]), float(sums[12, c])
+        gv, whole = float(sums[13, c]), float(sums[9, c])
+        p = 0.0 if b[c] <= floor else 1 / jbb
+        jaa, jxa, jva = jaa - jab * jab * p, jxa - jab * jxb * p, jva - jab * jvb * p
+        jxx, jvx, jvv = jxx - jxb * jxb * p, jvx - jxb * jvb * p, jvv - jvb * jvb * p
+        ga, gx, gv = ga - jab * gb * p, gx - jxb * gb * p, gv - jvb * gb * p
+        p = 1 / jaa
+        jxx, jvx, jvv = jxx - jxa * jxa * p, jvx - jxa * jva * p, jvv - jva * jva * p
+        gx, gv = gx - jxa * ga * p, gv - jva * ga * p
+        p = 1 / jxx
+        jvv, gv = jvv - jvx * jvx * p, gv - jvx * gx * p
+        # V is A·gv/(A²·jvv): more than SCREEN standard errors where gv > SCREEN·√jvv, whatever A.
+        told = (jaa > 0) & (jxx > 0) & (jvv > 1e-6 * whole)
+        fits = (gv <= SCREEN * np.sqrt(jvv)) | (not told)
+        # All slices beyond R are one group of Pearson's sum.
+        far = (n + sums[18, c]) * (b[c] + s)
+        more = outside[c] + n * s + sums[17, c] - far
+        by_far = 1 / far if far > 0 else 0.0
+        one = 1.0 if far > 0 else 0.0
+        square, spread = sums[14, c] + more * more * by_far, sums[15, c] + 2 * one + by_far
+        even = square <= sums[16, c] + one - 3 + SCREEN * np.sqrt(spread)
+        suspect[c] = not (fits & even)
+
+
+@kernel(error_model="numpy")
+def screen(zs, mask, m0, table, bend, tiny, phases, xi, outside, beyond, s, floor, k0, x, a, b, sums, settled, suspect):  # type: ignore[no-untyped-def]
+    """Mark in suspect (pixel) those of a tile that `state_misfit` must see. settled: pixels with a fit; the others are
+    marked. sums: room for 19 rows of a tile."""
+    shift, rows = np.float32(s), table.shape[0]
+    for c in range(k0.size):
+        if settled[c] != 0:
+            place = (x[c] - k0[c] - xi) * phases
+            j = int(place + 0.5)
+            if 0 <= place and j < rows:
+                f = np.float32(place - j)
+                _sums(zs, c, mask, m0 + k0[c], table, bend, tiny, j, f, np.float32(a[c]), np.float32(b[c]), shift, sums)
+            else:
+                sums[14, c] = np.inf
+    _judge(sums, outside, beyond, s, floor, b, suspect)
+    for c in range(k0.size):
+        suspect[c] |= settled[c] == 0
