@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -60,3 +63,31 @@ def test_a_narrow_declared_response_is_seen() -> None:
     sigma = run_estimator("poisson-ml", capture)["sigma"].values
     # V = .8² − .6² ns².
     assert np.median(sigma) == pytest.approx(np.sqrt(0.28) * 1e-9 * HALF_C, rel=0.25)
+
+
+@pytest.mark.parametrize("light", [60.0, 4000.0])
+def test_screening_in_single_precision_loses_no_pixel(light: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Surfaces barely apart, so that many pixels lie near the limit; the reference looks at every pixel in double precision.
+    rng = np.random.default_rng(7)
+    tau = rng.uniform(RIG.delay_s[2], RIG.delay_s[-3], SHAPE) + RIG.centre_s
+    u = tau[None] - RIG.delay_s[:, None, None]
+    apart = rng.uniform(0.0, 1.2, SHAPE) * RIG.sigma_s
+    mean = 0.5 * light * (RIG.response(u) + RIG.response(u + apart)) + 5.0
+    electrons = rng.poisson(mean) + RIG.read_noise_e * rng.normal(size=mean.shape)
+    capture = stack_capture(RIG, np.rint(50 + electrons).clip(0, 65535).astype(np.uint16), RIG.declared(*SHAPE))
+    screened = run_estimator("poisson-ml", capture)
+    module = import_module("beambench.estimators.gated.poisson_ml")
+    fit, looked = module._fit_smooth, []
+
+    def all_of_them(*args: Any) -> None:
+        fit(*args)
+        looked.append(float(args[-1][-1].mean()))
+        args[-1][-1][:] = True
+
+    monkeypatch.setattr(module, "_fit_smooth", all_of_them)
+    whole = run_estimator("poisson-ml", capture)
+    assert looked[0] < 0.9  # the screening did leave pixels out
+    np.testing.assert_array_equal(screened["sigma"].values, whole["sigma"].values)
+    monkeypatch.setattr(module, "LIMIT", np.inf)
+    plain = run_estimator("poisson-ml", capture)["sigma"].values
+    assert (np.nan_to_num(whole["sigma"].values) > np.nan_to_num(plain)).sum() > 10

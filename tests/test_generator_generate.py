@@ -15,6 +15,7 @@ from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, capture_key_of, generate
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import list_scenes, load_scene
+from beambench.scenes.rigs.gated import gated_rig
 from beambench.scenes.scene import Scene
 
 SMALL = {"rig.camera.rows": 24, "rig.camera.cols": 20}
@@ -127,7 +128,6 @@ def test_several_gates_and_a_gate_map() -> None:
     assert capture.sizes["slice"] == 128
     assert np.allclose(signal[64:], 0.5 * signal[:64], rtol=1e-5, atol=1e-3)
     from beambench.benchmarks.bounds import gated_instrument
-    from beambench.scenes.rigs.gated import gated_rig
 
     flat = generate(load_scene("flat-wall", SMALL), seed=1, truth_electrons=True)
     calm = (flat.truth_electrons - flat.truth_background).values

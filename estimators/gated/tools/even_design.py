@@ -33,11 +33,11 @@ _kept: OrderedDict[tuple[object, ...], EvenDesign | None] = OrderedDict()
 class EvenDesign:
     """The table and what a fit needs beside it.
 
-    table (row, order, slice of the window). bend (row, slice of the window): R(ξ+d) + R(ξ−d) − 2R(ξ), d = σ_R/2: 2d² times the
-    curvature that `misfit` takes. tiny: 1e-6 of the peak. phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices that exist, from
-    `-pad` on. low, high: x between which an echo lies well inside the window. width: σ_R in steps. grid: x of the matched
-    filter that starts a fit, with template (candidate, slice), span (first, last + 1), mean (projection on the background)
-    and norm (1/length without it). origin_s, step_s: delay of slice 0, and the step h.
+    table (row, order, slice of the window). bend (row, slice of the window): R(ξ+d) + R(ξ−d) − 2R(ξ), d = σ_R/2: 2d² times
+    the curvature that `misfit` takes. tiny: 1e-6 of the peak. phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices
+    that exist, from `-pad` on. low, high: x between which an echo lies well inside the window. width: σ_R in steps. grid: x
+    of the matched filter that starts a fit, with template (candidate, slice), span (first, last + 1), mean (projection on
+    the background) and norm (1/length without it). origin_s, step_s: delay of slice 0, and the step h.
     """
 
     table: Single

@@ -26,7 +26,18 @@ def _sums(zs, c, mask, m0, table, bend, tiny, j, f, a, b, s, out):  # type: igno
     number of the other slices of the window."""
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
     jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    jvv, jvx, jva, jvb, gv, square, spread, number, rest, others = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
+    jvv, jvx, jva, jvb, gv, square, spread, number, rest, others = (
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+    )
     level = b + s
     for k in range(zs.shape[1]):
         slope, m, v = table[j, 1, k], mask[m0 + k], bend[j, k]
@@ -104,7 +115,7 @@ def screen(zs, mask, m0, table, bend, tiny, phases, xi, outside, beyond, s, floo
         if settled[c] != 0:
             place = (x[c] - k0[c] - xi) * phases
             j = int(place + 0.5)
-            if 0 <= place and j < rows:
+            if place >= 0 and j < rows:
                 f = np.float32(place - j)
                 _sums(zs, c, mask, m0 + k0[c], table, bend, tiny, j, f, np.float32(a[c]), np.float32(b[c]), shift, sums)
             else:
