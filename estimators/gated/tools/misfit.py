@@ -104,9 +104,9 @@ def _spread(zs, e, s, value, slope, bend, k0, k1, out, a, b, held):  # type: ign
 
 
 @kernel(error_model="numpy")
-def state_misfit(
+def state_misfit(  # type: ignore[no-untyped-def]
     counts, slices, group, e, s, levels, table, first, last, width, floor, limit, units, tau, sigma, suspect
-):  # type: ignore[no-untyped-def]
+):
     """Enlarge sigma (row, col) in place where the profile of a pixel is not R; arguments as `poisson_ml._fit_rows`.
 
     sigma² becomes sigma² + V where V exceeds `limit` of its standard errors, and at least sigma²·χ²/(n − 3) where χ² exceeds
