@@ -70,7 +70,7 @@ def test_bounds_against_a_numerical_likelihood() -> None:
     d = np.sqrt(np.diag(exact))
     # Second moments of 20,000 draws: 1 % each.
     np.testing.assert_allclose(drawn / np.outer(d, d), exact / np.outer(d, d), atol=0.045)
-    assert np.isfinite(bound.sigma).all() and bound.kind == "quasi"  # 50 ps of jitter per pulse
+    assert np.isfinite(bound.sigma).all() and bound.kind == "exact"
 
 
 def test_an_amcw_bound_is_phase_noise_in_the_shot_limit() -> None:

@@ -79,3 +79,15 @@ def test_the_mean_delay_of_a_record_scatters_and_all_of_the_jitter_broadens_the_
     # The sample's variance of the drawn part, and the exact rest.
     error = 4.5 * jitter**2 / pulses * np.sqrt(2 / SHOTS)
     assert width[1] - width[0] == pytest.approx(jitter**2, abs=error + 2e-3 * jitter**2)
+
+
+def test_pulses_that_count_at_most_once_share_no_delay() -> None:
+    """A detector that is blind for longer than the echo lasts takes each count from another pulse: nothing moves the record."""
+    changes: dict[str, Any] = {
+        "rig.record.shots": 8, "rig.pulses_per_shot": 50, "rig.laser.jitter_pulse_s": 3e-10, "rig.laser.jitter_shot_s": 0.0,
+        "rig.laser.energy_fluctuation": 0.0, "rig.record.scan_half_angle_rad": 0.0,
+    }  # fmt: skip
+    blind = made("single-photon", changes)["truth_electrons"].values
+    np.testing.assert_array_equal(blind, np.broadcast_to(blind[:1], blind.shape))
+    awake = made("single-photon", changes | {"rig.detector.readout.dead_time_s": 0.0})["truth_electrons"].values
+    assert np.abs(awake - awake[:1]).max() > 0.01 * awake.max()

@@ -96,7 +96,7 @@ def test_both_rungs_see_the_same_texture(kind: str, law: str, tmp_path: Path) ->
     found = np.asarray(si.bsdf().eval(mi.BSDFContext(), si, si.wi)[0].numpy(), dtype=np.float64)
     # A ray along the edge of two facets meets either of them: only rays that meet the same one see the same slope.
     normal = np.stack([np.asarray(si.n[axis].numpy(), dtype=np.float64) for axis in range(3)])
-    same = np.abs((normal.T * hits.normal[mine]).sum(axis=1)) > 1 - 1e-6
+    same = np.abs((normal * hits.normal[:, mine]).sum(axis=0)) > 1 - 1e-6
     assert same.mean() > 0.95
     np.testing.assert_allclose(found[same], wanted[same], atol=1e-4 if kind == "sphere" else 1e-5)
 

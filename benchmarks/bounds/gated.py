@@ -34,7 +34,7 @@ from ...scenes.medium_index import group_index
 from ...scenes.rigs.gated import GatedRig, gated_rig
 from ..scores.truth import Bound
 from .gated_instrument import gate_offsets, gated_responses, halo_of, noise_model, path_delay, true_delay
-from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
+from .instrument import bounded, moves, response_std_s, samples_variance_s2, true_scene, unbounded
 
 __all__ = ["gated_bound"]
 
@@ -47,10 +47,10 @@ _RTOL = 3e-6
 def gated_bound(capture: xr.Dataset) -> Bound:
     """The bound of every pixel of a generated capture (with its truth).
 
-    `kind` is "exact", or "quasi" if the capture has an effect that the likelihood above does not include: pulse energy or
-    delay that fluctuate from slice to slice, a halo, correlated noise of a phosphor, averaged counts, a lens or lamp of finite
-    size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are constants of each pixel, and part of the profiled amplitude and
-    background.
+    `kind` is "exact", or "quasi" if the capture has an effect that the likelihood above does not include: pulse energy or delay
+    that fluctuate from slice to slice (the mean of its pulses by more than a tenth of a bound), a halo, correlated noise of a
+    phosphor, averaged counts, a lens or lamp of finite size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are
+    constants of each pixel, and part of the profiled amplitude and background.
 
     A capture without its true scene, amplitude or background (surveyed, or measured by a reference instrument) has no
     bound: `kind` is "none", and the scales follow from the declared rig.
@@ -71,7 +71,7 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     window = _window(delay, half, scale)
     truth = np.asarray(capture["truth_range"].values, np.float64)
     sigma = _sigma(capture, truth, rig, tables, n_g)
-    return Bound(sigma, _kind(capture, rig), scale, window)
+    return Bound(sigma, _kind(capture, rig, half, sigma), scale, window)
 
 
 def _window(delay: Float, half: float, scale: float) -> float:
@@ -87,12 +87,13 @@ def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, f
     return scale, _window(np.asarray(capture["delay"].values, np.float64), half, scale)
 
 
-def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
+def _kind(capture: xr.Dataset, rig: GatedRig, half: float, sigma: Float) -> str:
     tube = rig.detector.intensifier
+    mean_jitter = rig.laser.jitter_shot_s / math.sqrt(rig.pulses_per_slice)
     outside = (
         rig.laser.energy_fluctuation > 0,
         rig.laser.jitter_frame_s > 0,
-        rig.laser.jitter_shot_s > 0,  # the mean delay of a slice's pulses scatters
+        moves(half * mean_jitter, sigma),  # the mean delay of a slice's pulses scatters
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
         bool(halo_of(capture).any()),

@@ -21,7 +21,15 @@ from ...scenes.scene import Scene
 from ...scenes.validate import validate_spec
 from ..scores.truth import Bound
 
-__all__ = ["bounded", "response_centroid_s", "response_std_s", "samples_variance_s2", "true_scene", "unbounded"]
+__all__ = [
+    "bounded",
+    "moves",
+    "response_centroid_s",
+    "response_std_s",
+    "samples_variance_s2",
+    "true_scene",
+    "unbounded",
+]
 
 Float = npt.NDArray[np.float64]
 
@@ -49,6 +57,13 @@ def _declared(capture: xr.Dataset) -> dict[str, Any]:
     if not isinstance(rig, dict):
         raise InputError("The capture does not declare its instrument.", where="attribute rig", value=text)
     return rig
+
+
+def moves(shift_m: float, sigma: Float) -> bool:
+    """Whether a common shift of rms `shift_m`, which a bound `sigma` (element) does not hold, exceeds a tenth of any of it: .5 %
+    of the error. Where no bound is finite any shift does."""
+    least = float(np.min(sigma, where=np.isfinite(sigma), initial=np.inf))
+    return shift_m > (0.1 * least if np.isfinite(least) else 0.0)
 
 
 def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[float, float]]) -> Bound:

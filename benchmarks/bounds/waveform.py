@@ -25,11 +25,18 @@ from ...optics.correlation.response import Table, lookup, tabulate
 from ...optics.likelihood.fisher_table import information_table
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.medium_index import group_index
-from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
+from ...scenes.rigs.waveform import (
+    AnalogReadout,
+    SinglePhotonReadout,
+    WaveformRig,
+    shared_jitter_s,
+    shown_pulse,
+    waveform_rig,
+)
 from ...scenes.scene import Scene
 from ..scores.truth import Bound
 from .footprint import footprint_std_s, is_wide
-from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
+from .instrument import bounded, moves, response_std_s, samples_variance_s2, true_scene, unbounded
 from .profiled import profiled_sigma
 
 __all__ = ["analog_noise", "waveform_bound"]
@@ -57,9 +64,9 @@ def analog_noise(readout: AnalogReadout) -> NoiseModel:
 def waveform_bound(capture: xr.Dataset) -> Bound:
     """The bound of every shot of a generated waveform capture.
 
-    `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses, or if
-    the footprint of any shot spreads its echo by more than a tenth of the response. Without true scene, amplitude or
-    background it is "none", with scales from the declared rig.
+    `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses by more
+    than a tenth of a bound, or if the footprint of any shot spreads its echo by more than a tenth of the response. Without
+    true scene, amplitude or background it is "none", with scales from the declared rig.
 
     Raises InputError for an invalid true scene, or for a declared rig that lacks a required value.
     """
@@ -83,10 +90,10 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     mean = np.maximum(amplitude * share + background, 0.0)
     gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
     sigma = profiled_sigma(_information(rig, mean), gradient)
-    laser = rig.laser
-    drawn = max(laser.energy_fluctuation, laser.jitter_shot_s, laser.jitter_pulse_s) > 0
+    sigma = np.where(seen.all(axis=1), sigma, np.nan)
+    drawn = max(rig.laser.energy_fluctuation, rig.laser.jitter_shot_s) > 0 or moves(half * shared_jitter_s(rig), sigma)
     kind = "quasi" if drawn or _is_wide(scene, rig, scale / half) else "exact"
-    return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, scale, window)
+    return Bound(sigma, kind, scale, window)
 
 
 def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:

@@ -17,13 +17,20 @@ from ...optics.constants import C_M_PER_S
 from ...optics.correlation import waveforms
 from ...scenes.medium_index import group_index
 from ...scenes.rigs.parts import Detector, Intensifier
-from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, WaveformRig, shown_pulse, waveform_rig
+from ...scenes.rigs.waveform import (
+    AnalogReadout,
+    SinglePhotonReadout,
+    WaveformRig,
+    shared_jitter_s,
+    shown_pulse,
+    waveform_rig,
+)
 from ...scenes.sampling import response_table
 from ...scenes.scene import Scene
 from ..detector import detect, fixed_pattern
 from ..effect import no_light
 from ..model import Expected
-from ..random import Stage, blocks, generator, jitter_about_mean, jitter_of_mean
+from ..random import Stage, blocks, generator, jitter_about_mean
 from ..rays.lamp import RoundBeam
 from ..rays.returns import gather_returns, render_stack
 from ..request import Request
@@ -145,9 +152,8 @@ def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, k
             energy[part] = np.maximum(1 + rig.laser.energy_fluctuation * draw, 0.0)
         if rig.laser.jitter_shot_s:
             jitter[part] = rig.laser.jitter_shot_s * generator(seed, key, Stage.JITTER, block).standard_normal(size)
-        if rig.laser.jitter_pulse_s:
-            scatter = jitter_of_mean(rig.laser.jitter_pulse_s, rig.pulses_per_shot)
-            jitter[part] += scatter * generator(seed, key, Stage.PULSES, block).standard_normal(size)
+        if shared_jitter_s(rig):
+            jitter[part] += shared_jitter_s(rig) * generator(seed, key, Stage.PULSES, block).standard_normal(size)
     pulse, delay = _pulse_of_a_record(rig)
     gate = waveforms.RectangularGate(step, 1.0)
     table = response_table(pulse, gate, _TABLE_RTOL, f"{scene.name}: rig.record.step_s")
@@ -165,7 +171,9 @@ def _sampled(scene: Scene, light: Float, tau: Float, spread: Float, seed: int, k
 
 
 def _pulse_of_a_record(rig: WaveformRig) -> tuple[waveforms.Pulse, float]:
-    """`shown_pulse` with its pulses jittering about the mean of the record's, which is drawn."""
+    """`shown_pulse` with its pulses jittering about the mean of the record's, where that is drawn."""
+    if not shared_jitter_s(rig):
+        return shown_pulse(rig)
     about = jitter_about_mean(rig.laser.jitter_pulse_s, rig.pulses_per_shot)
     return shown_pulse(rig.model_copy(update={"laser": rig.laser.model_copy(update={"jitter_pulse_s": about})}))
 

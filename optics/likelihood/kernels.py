@@ -12,6 +12,8 @@ from ..jit import kernel
 __all__ = ["bare_cells", "bare_log_pmf"]
 
 _REACH = 9.0  # standard deviations kept on either side: 1e-19 of the mass is omitted
+#: Electrons between which P(y | n) is computed, per standard deviation of the read noise.
+_STEPS_PER_SIGMA = 100.0
 
 
 @kernel
@@ -80,7 +82,9 @@ def bare_cells(
 ) -> None:
     """Fills p with P(y) and dp with dP/d(mean) at y = first + k·stride; `mean` counts all Poisson electrons.
 
-    d/dμ Poisson(n; μ) = Poisson(n−1; μ) − Poisson(n; μ), so both need one pass over n.
+    d/dμ Poisson(n; μ) = Poisson(n−1; μ) − Poisson(n; μ), so both need one pass over n. P(y | n) is computed at every h-th n and
+    taken as straight between, h = σ/100 or 1: an error of h²/12 of its curvature, 1e-5 of its peak. As h ≤ √μ, the counts
+    average over many h, and the slope errs by as little.
     """
     p[:] = 0.0
     dp[:] = 0.0
@@ -92,14 +96,26 @@ def bare_cells(
     before = w * low / mean
     full_w = 0.0
     full_dw = 0.0
+    step = max(1, int(min(sigma / _STEPS_PER_SIGMA, root)))
+    node, here, d_here, ahead, d_ahead = low, 0.0, 0.0, 0.0, 0.0
     for n in range(low, high + 1):
         if n >= well:
             full_w += w
             full_dw += before - w
         else:
-            _spread(float(n), w, before - w, sigma, gain, offset, top, first, stride, p, dp)
+            if n == node + step:
+                _spread(float(node), here, d_here, sigma, gain, offset, top, first, stride, p, dp)
+                node, here, d_here, ahead, d_ahead = n, ahead, d_ahead, 0.0, 0.0
+            part = (n - node) / step
+            here += w * (1.0 - part)
+            d_here += (before - w) * (1.0 - part)
+            ahead += w * part
+            d_ahead += (before - w) * part
         before = w
         w *= mean / (n + 1.0)
+    _spread(float(node), here, d_here, sigma, gain, offset, top, first, stride, p, dp)
+    if step > 1:
+        _spread(float(node + step), ahead, d_ahead, sigma, gain, offset, top, first, stride, p, dp)
     # Mass above `high` leaves the window: its slope is the last weight, so that Σ dp = 0 exactly.
     full_dw += before
     if full_w > 0.0 or high >= well:

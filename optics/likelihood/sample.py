@@ -106,12 +106,15 @@ def _clipped_information(noise: NoiseModel, mu: float, first: int, last: int) ->
         return _coded(noise, mu, first, last, 1).information
     low, high = max(first, 1), min(last, noise.adc_max_dn - 1)
     whole = low + (high - low) // stride * stride
-    ends = [_coded(noise, mu, a, b, 1) for a, b in ((first, low - 1), (whole + 1, high), (high + 1, last)) if a <= b]
-    nodes = _coded(noise, mu, low, whole, stride)
-    share = np.where(nodes.p > 1e-16, np.square(nodes.slope) / np.maximum(nodes.p, 1e-300), 0.0)
+    ends = [_coded(noise, mu, code, code, 1) for code in (0, noise.adc_max_dn) if first <= code <= last]
+    # The last interval is shorter: its end is a node too, so that only nodes and end codes are computed.
+    nodes = [_coded(noise, mu, low, whole, stride), _coded(noise, mu, high, high, 1)][: 2 if high > whole else 1]
+    p, slope = (np.concatenate([getattr(part, name) for part in nodes]) for name in ("p", "slope"))
+    share = np.where(p > 1e-16, np.square(slope) / np.maximum(p, 1e-300), 0.0)
     from scipy.interpolate import CubicSpline
 
-    between = CubicSpline(np.arange(low, whole + 1, stride), share)(np.arange(low, whole + 1))
+    at = np.append(np.arange(low, whole + 1, stride), high)[: share.size]
+    between = CubicSpline(at, share)(np.arange(low, high + 1))
     return float(between.sum()) + sum(part.information for part in ends)
 
 

@@ -6,6 +6,7 @@ Laser and receiver are coaxial (a beam splitter), at the camera frame's origin, 
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -41,17 +42,20 @@ from .roles import Steps
 
 __all__ = [
     "KIND", "AnalogReadout", "Avalanche", "ImpulseResponse", "Photodetector", "PulsedLaser", "Record",
-    "SinglePhotonReadout", "WaveformRig", "shown_pulse", "waveform_rig",
+    "SinglePhotonReadout", "WaveformRig", "shared_jitter_s", "shown_pulse", "waveform_rig",
 ]  # fmt: skip
 
 #: Samples per standard deviation of the detected pulse in the declared rig.
 _SAMPLES_PER_SIGMA = 32
+#: Standard deviations by which two photons of an echo lie apart in 1 of 200 pairs (a Gaussian one): erfc(4/2).
+_APART_SIGMAS = 4.0
 
 
 class PulsedLaser(Spec):
-    """A pulsed laser. `jitter_pulse_s` is the rms delay of single pulses: it broadens a record, and the mean of the M pulses
-    of a shot scatters by 1/√M of it (a gated rig calls this `jitter_shot_s`). `jitter_shot_s` is that of whole *records* (a
-    gated rig's `jitter_frame_s`). Both are drawn per shot. `energy_fluctuation` is the relative rms of a shot's energy."""
+    """A pulsed laser. `jitter_pulse_s` is the rms delay of single pulses: it broadens a record, and the mean of the M pulses of a
+    shot scatters by 1/√M of it (`shared_jitter_s`; a gated rig calls this `jitter_shot_s`). `jitter_shot_s` is that of whole
+    *records* (a gated rig's `jitter_frame_s`). Both are drawn per shot. `energy_fluctuation` is the relative rms of a shot's
+    energy."""
 
     wavelength_m: Annotated[float, Field(gt=1e-7, lt=2e-5)]
     pulse_energy_j: Energy
@@ -175,6 +179,21 @@ def shown_pulse(rig: WaveformRig) -> tuple[waveforms.Pulse, float]:
     laser, response = rig.laser, rig.detector.response
     pulse = waveforms.broadened(optics_pulse(laser.pulse), laser.jitter_pulse_s)
     return detected_pulse(pulse, response.shape, response.rise_time_s)
+
+
+def shared_jitter_s(rig: WaveformRig) -> float:
+    """Rms of the mean delay of a shot's pulses, s, which all that the shot shows has in common: σ/√M.
+
+    It is 0 where the photons of one pulse's echo cannot be counted twice: a single-photon detector that is blind for longer
+    than two photons lie apart takes each count from another pulse, with a delay of its own. The counts are then independent draws
+    from a response broadened by all of σ, however many they are.
+    """
+    readout = rig.detector.readout
+    if isinstance(readout, SinglePhotonReadout):
+        pulse, _ = shown_pulse(rig)
+        if readout.dead_time_s >= _APART_SIGMAS * math.sqrt(waveforms.pulse_variance(pulse)):
+            return 0.0
+    return rig.laser.jitter_pulse_s / math.sqrt(rig.pulses_per_shot)
 
 
 def _declare(scene: RigScene) -> dict[str, Any]:
