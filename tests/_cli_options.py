@@ -1,6 +1,6 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
-One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
+One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers. `bound` is new.
 """
 
 from __future__ import annotations
@@ -53,6 +53,9 @@ def options_of(app: App) -> list[str]:
 
 
 OPTIONS = """
+bound: --debug <flag> default False
+bound: --json <flag> default False
+bound: DATA <text> required
 break: --budget <number> default 300
 break: --debug <flag> default False
 break: --factor <number> default 3.0

@@ -47,7 +47,7 @@ def test_the_bin_is_recorded_and_a_change_of_it_told(tmp_path: Path) -> None:
     # A store of before, which does not hold the .bin, is repeated as it was.
     assert find_sources(kept, files[:1], [tmp_path], {}, "store") == scene(tmp_path)
     written(tmp_path, 2.0)
-    with pytest.raises(InputError, match="not the one") as caught:
+    with pytest.raises(InputError, match="differs from the one") as caught:
         find_sources(kept, files, [tmp_path], {}, "store")
     assert "a part.bin" in str(caught.value)
 

@@ -267,7 +267,7 @@ def _fit_smooth(
     flat = np.ascontiguousarray(stack.counts).reshape(stack.counts.shape[0], -1)
     fit_even(
         flat, order, levels, float(shift[0]), floor * float(stack.exposure[0]),
-        (even.table, even.bend, even.tiny), even.phases, even.xi,
+        (even.table, even.bend, even.held), even.phases, even.xi,
         even.mask, even.pad, (even.low, even.high), even.width, even.grid, even.template, even.span, even.mean,
         even.norm, min_snr, (factor * even.origin_s, factor * even.step_s), value.reshape(-1), sigma.reshape(-1),
         valid.reshape(-1), again.reshape(-1), suspect.reshape(-1),

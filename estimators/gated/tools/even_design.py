@@ -34,7 +34,8 @@ class EvenDesign:
     """The table and what a fit needs beside it.
 
     table (row, order, slice of the window). bend (row, slice of the window): R(ξ+d) + R(ξ−d) − 2R(ξ), d = σ_R/2: 2d² times
-    the curvature that `misfit` takes. tiny: 1e-6 of the peak. phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices
+    the curvature that `misfit` takes. held (row, slice of the window): 1 where R or its
+    curvature is above 1e-6 of the peak. phases: P, rows per step. xi: ξ of row 0. mask: 1 for slices
     that exist, from `-pad` on. low, high: x between which an echo lies well inside the window. width: σ_R in steps. grid: x
     of the matched filter that starts a fit, with template (candidate, slice), span (first, last + 1), mean (projection on
     the background) and norm (1/length without it). origin_s, step_s: delay of slice 0, and the step h.
@@ -42,7 +43,7 @@ class EvenDesign:
 
     table: Single
     bend: Single
-    tiny: float
+    held: Single
     phases: int
     xi: float
     mask: Single
@@ -107,7 +108,7 @@ def _build(stack: Stack) -> EvenDesign | None:
     return EvenDesign(
         table=table.astype(np.float32),
         bend=np.asarray(bend, dtype=np.float32),
-        tiny=1e-6 * response.peak * float(stack.exposure[0]),
+        held=(np.maximum(value, sides) > 1e-6 * response.peak).astype(np.float32),
         phases=phases,
         xi=float(xi),
         mask=mask.astype(np.float32),

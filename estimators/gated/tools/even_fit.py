@@ -215,10 +215,9 @@ def fit_even(  # type: ignore[no-untyped-def]
     """Fit all pixels of counts (slice, pixel): tau = units[0] + units[1]·x, sigma = units[1]·σ_x, x in steps from slice 0;
     NaN where not ok. `again` marks pixels that have a clipped sample or did not settle: they are left to the careful path.
     `suspect` marks those whose profile may not be R (`even_screen`), and all that are left. tables: `table`, `bend` and
-    `tiny` of the design. See `poisson_ml` for the other arguments."""
+    `held` of the design. See `poisson_ml` for the other arguments."""
     offset, scale, saturation = levels
-    table, bend, tiny = tables
-    tiny = np.float32(tiny)
+    table = tables[0]
     low, high = bounds
     groups, window = slices.size, table.shape[2]
     z = np.zeros((groups, TILE), np.float32)
@@ -229,7 +228,7 @@ def fit_even(  # type: ignore[no-untyped-def]
     x, a, b, outside, beyond = np.zeros(TILE), np.zeros(TILE), np.zeros(TILE), np.zeros(TILE), np.zeros(TILE)
     var_x, var_a, before = np.zeros(TILE), np.zeros(TILE), np.zeros(TILE)
     k0 = np.zeros(TILE, np.int64)
-    sums = np.ones((19, TILE), np.float32)
+    sums = np.ones((18, TILE), np.float32)
     active, done, doubtful = np.zeros(TILE, np.uint8), np.zeros(TILE, np.uint8), np.zeros(TILE, np.bool_)
     shift = np.float32(s)
     span_x = (xi + 0.5 * (table.shape[0] - 1) / phases - 0.5, pad)
@@ -247,8 +246,26 @@ def fit_even(  # type: ignore[no-untyped-def]
             (x, a, b, before, var_x, var_a), sums, active, done,
         )  # fmt: skip
         screen(
-            zs, mask, pad, table, bend, tiny, phases, xi, outside, beyond, s, floor, k0, x, a, b, sums, done, doubtful,
-        )  # fmt: skip
+            zs,
+            light,
+            outside,
+            beyond,
+            groups,
+            mask,
+            pad,
+            tables,
+            phases,
+            xi,
+            s,
+            floor,
+            k0,
+            x,
+            a,
+            b,
+            sums,
+            done,
+            doubtful,
+        )
         for c in range(number):
             p = p0 + c
             again[p] = (done[c] == 0) & ((bad[c] != 0) | (best[c] >= 0))

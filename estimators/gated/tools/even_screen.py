@@ -20,31 +20,20 @@ FAST = {"reassoc", "contract", "arcp"}
 
 
 @kernel(fastmath=FAST, error_model="numpy")
-def _sums(zs, c, mask, m0, table, bend, tiny, j, f, a, b, s, out):  # type: ignore[no-untyped-def]
-    """out[:, c] = information and score of (V, x, A, B) of pixel c, the first nine as in `even_fit._sums`; Pearson's sum over
-    the slices that R or its curvature (in units of `tiny`) reaches, its variance and the number of these slices; the sum and
-    number of the other slices of the window."""
-    zero, one, two = np.float32(0), np.float32(1), np.float32(2)
+def _sums(zs, c, mask, m0, table, bend, held, j, f, a, b, s, out):  # type: ignore[no-untyped-def]
+    """out[:, c] = information and score of (x, A, B) and V of pixel c over its window, the first nine as in `even_fit._sums`;
+    then, over the slices that `held` marks, Pearson's sum, its Σ 1/μ, the sum of z + s, and their number."""
+    zero = np.float32(0)
     jxx, jxa, jxb, jaa, jab, jbb, gx, ga, gb = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    jvv, jvx, jva, jvb, gv, square, spread, number, rest, others = (
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-    )
+    jvv, jvx, jva, jvb, gv, square, spread, light, number = zero, zero, zero, zero, zero, zero, zero, zero, zero
     level = b + s
     for k in range(zs.shape[1]):
-        slope, m, v = table[j, 1, k], mask[m0 + k], bend[j, k]
+        z, slope, v, m = zs[c, k], table[j, 1, k], bend[j, k], mask[m0 + k]
         value = table[j, 0, k] + f * slope
         mean = a * value + level
         w = m / mean
-        r = zs[c, k] * w - m
+        r = z * w - m
+        h = held[j, k] * m
         vw, dw, cw = value * w, slope * w, v * w
         jbb += w
         jab += vw
@@ -60,28 +49,26 @@ def _sums(zs, c, mask, m0, table, bend, tiny, j, f, a, b, s, out):  # type: igno
         ga += value * r
         gx += slope * r
         gv += v * r
-        inside = m if (value > tiny) | (v > tiny) else zero
-        square += inside * mean * r * r
-        spread += inside * (two + one / mean)
-        number += inside
-        rest += (m - inside) * zs[c, k]
-        others += m - inside
+        square += h * mean * r * r
+        spread += h * w
+        light += h * z
+        number += h
     out[0, c], out[1, c], out[2, c], out[3, c], out[4, c], out[5, c] = jxx, jxa, jxb, jaa, jab, jbb
     out[6, c], out[7, c], out[8, c] = gx, ga, gb
     out[9, c], out[10, c], out[11, c], out[12, c], out[13, c] = jvv, jvx, jva, jvb, gv
-    out[14, c], out[15, c], out[16, c], out[17, c], out[18, c] = square, spread, number, rest, others
+    out[14, c], out[15, c], out[16, c], out[17, c] = square, spread, light, number
 
 
 @kernel(fastmath={"contract"}, error_model="numpy")
-def _judge(sums, outside, number, s, floor, b, suspect):  # type: ignore[no-untyped-def]
-    """suspect[c]: V or χ² of pixel c is beyond SCREEN of its standard errors, or not told by its sums."""
+def _judge(sums, light, groups, outside, beyond, s, floor, b, suspect):  # type: ignore[no-untyped-def]
+    """suspect[c]: V or χ² of pixel c is beyond SCREEN of its standard errors, or not told by its sums. light: Σ z of all
+    `groups` slices; outside, beyond: sum and number of those that the window leaves out. Where R does not reach, all slices
+    are one group of χ²."""
     for c in range(b.size):
-        n = number[c]
-        w = 1 / (b[c] + s)
+        n, w = beyond[c], 1 / (b[c] + s)
         jxx, jxa, jxb, gx = float(sums[0, c]), float(sums[1, c]), float(sums[2, c]), float(sums[6, c])
         jaa, jab, ga = float(sums[3, c]), float(sums[4, c]), float(sums[7, c])
-        jbb = sums[5, c] + n * w
-        gb = sums[8, c] + ((outside[c] + n * s) * w - n if n > 0 else 0.0)
+        jbb, gb = sums[5, c] + n * w, sums[8, c] + ((outside[c] + n * s) * w - n)
         jvv, jvx, jva, jvb = float(sums[9, c]), float(sums[10, c]), float(sums[11, c]), float(sums[12, c])
         gv, whole = float(sums[13, c]), float(sums[9, c])
         p = 0.0 if b[c] <= floor else 1 / jbb
@@ -96,20 +83,22 @@ def _judge(sums, outside, number, s, floor, b, suspect):  # type: ignore[no-unty
         # V is A·gv/(A²·jvv): more than SCREEN standard errors where gv > SCREEN·√jvv, whatever A.
         told = (jaa > 0) & (jxx > 0) & (jvv > 1e-6 * whole)
         fits = (gv <= SCREEN * np.sqrt(jvv)) | (not told)
-        # All slices beyond R are one group of Pearson's sum.
-        far = (n + sums[18, c]) * (b[c] + s)
-        more = outside[c] + n * s + sums[17, c] - far
-        by_far = 1 / far if far > 0 else 0.0
-        one = 1.0 if far > 0 else 0.0
-        square, spread = sums[14, c] + more * more * by_far, sums[15, c] + 2 * one + by_far
-        even = square <= sums[16, c] + one - 3 + SCREEN * np.sqrt(spread)
+        far = groups - sums[17, c]
+        one = 1.0 if far > 0.5 else 0.0
+        by_far = w / max(far, 1.0) * one
+        more = light[c] + groups * s - sums[16, c] - far / w
+        number = sums[17, c] + one
+        even = sums[14, c] + more * more * by_far <= number - 3 + SCREEN * np.sqrt(2 * number + sums[15, c] + by_far)
         suspect[c] = not (fits & even)
 
 
 @kernel(error_model="numpy")
-def screen(zs, mask, m0, table, bend, tiny, phases, xi, outside, beyond, s, floor, k0, x, a, b, sums, settled, suspect):  # type: ignore[no-untyped-def]
+def screen(
+    zs, light, outside, beyond, groups, mask, m0, design, phases, xi, s, floor, k0, x, a, b, sums, settled, suspect
+):  # type: ignore[no-untyped-def]
     """Mark in suspect (pixel) those of a tile that `state_misfit` must see. settled: pixels with a fit; the others are
-    marked. sums: room for 19 rows of a tile."""
+    marked. design: `table`, `bend` and `held` of `EvenDesign`; sums: room for 18 numbers of each pixel."""
+    table, bend, held = design
     shift, rows = np.float32(s), table.shape[0]
     for c in range(k0.size):
         if settled[c] != 0:
@@ -117,9 +106,9 @@ def screen(zs, mask, m0, table, bend, tiny, phases, xi, outside, beyond, s, floo
             j = int(place + 0.5)
             if place >= 0 and j < rows:
                 f = np.float32(place - j)
-                _sums(zs, c, mask, m0 + k0[c], table, bend, tiny, j, f, np.float32(a[c]), np.float32(b[c]), shift, sums)
+                _sums(zs, c, mask, m0 + k0[c], table, bend, held, j, f, np.float32(a[c]), np.float32(b[c]), shift, sums)
             else:
                 sums[14, c] = np.inf
-    _judge(sums, outside, beyond, s, floor, b, suspect)
+    _judge(sums, light, groups, outside, beyond, s, floor, b, suspect)
     for c in range(k0.size):
         suspect[c] |= settled[c] == 0
