@@ -1,6 +1,7 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
-One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers. `bound` is new.
+One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
+`bound` is new.
 """
 
 from __future__ import annotations

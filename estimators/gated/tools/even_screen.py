@@ -93,9 +93,9 @@ def _judge(sums, light, groups, outside, beyond, s, floor, b, suspect):  # type:
 
 
 @kernel(error_model="numpy")
-def screen(
+def screen(  # type: ignore[no-untyped-def]
     zs, light, outside, beyond, groups, mask, m0, design, phases, xi, s, floor, k0, x, a, b, sums, settled, suspect
-):  # type: ignore[no-untyped-def]
+):
     """Mark in suspect (pixel) those of a tile that `state_misfit` must see. settled: pixels with a fit; the others are
     marked. design: `table`, `bend` and `held` of `EvenDesign`; sums: room for 18 numbers of each pixel."""
     table, bend, held = design
