@@ -1,6 +1,7 @@
 """An independent walk of photons from a lamp through water to a pinhole: the reference of multiply scattered light.
 
-It shares no physics with `generator` and `optics` (from there it takes the door to Numba alone). Photons leave the lamp and
+It shares no physics with `generator` and `optics` (from there it takes the door to Numba alone; pulse, gate and photoelectrons
+per unit of radiance are the closed forms of `_gate_closed_form`). Photons leave the lamp and
 meet water and one plane wall without end; no event is drawn from the camera. With a, b, c = a + b of the water, p its phase
 function, every flight (from y along d, weight w) gives the camera what its next event is expected to give,
 
@@ -44,7 +45,7 @@ _FLOOR, _SELDOM = 0.002, 0.5
 class Set(NamedTuple):
     """Lamp at (`x`, `y`, `z`) that shines evenly along z up to a half angle; pinhole at 0 that looks along z, its square image
     `tangent` wide to each side at unit distance; water `a`, `b` [1/m]; a wall of `albedo` through (0, 0, `depth`) with the
-    normal (0, `sine`, −`cosine`), infinite depth for none; paths from `first` to `longest` [m] count."""
+    normal (0, `sine`, −`cosine`); paths from `first` to `longest` [m] count."""
 
     x: float
     y: float
@@ -80,7 +81,7 @@ def _p(turns: Any, theta: float) -> float:
 @kernel
 def _inverse(edge: Any, density: Any, total: Any, value: float) -> tuple[float, int]:
     """(θ at which an integral reaches a value, its cell)."""
-    k = min(max(np.searchsorted(total, value, side="right") - 1, 0), len(density) - 1)
+    k = min(max(int(np.searchsorted(total, value, side="right")) - 1, 0), len(density) - 1)
     return min(edge[k] + max(value - total[k], 0.0) / density[k], edge[k + 1]), k
 
 

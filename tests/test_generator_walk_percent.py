@@ -1,10 +1,11 @@
 """Multiply scattered light of the `full` rung to 1 %, against a walk of photons that shares no physics with it (`_walk`).
 
-What this can see: the sum over all slices of the mean pixel's multiply scattered light, X of ours over P of the walk. Both are
-batch means; β = X/P − 1 has the standard error σ_β ≤ .2 % (else the test fails), and |β| ≤ 3σ_β is asked. A bias of 1 % lies at 5σ
-or more and is refused in 97.7 % of draws or more; one of .33 % at 1.6σ would mostly pass. So the statement is: in these
-scenes the sum has no bias of 1 %. Two to seven per cent of it lie before the wall's echo, so single slices are asked as well, with
-less power: each |z| ≤ 4.5 with standard errors of .2 to 3 %. Differences between pixels are not looked at.
+What this can see: X is the sum over all slices of the mean pixel's multiply scattered light, P that of the walk, each the mean of
+16 independent batches. β = X/P − 1 has a standard error σ_β of at most .2 % (else the test fails), and |β| ≤ 3σ_β is asked. A bias
+of 1 % lies at 5σ_β or more and is refused in at least 97.7 % of draws; one of .33 % lies at 1.7 and would mostly pass. So what is
+shown is that the sum has no bias of 1 %. In `wall` about 1 % of that sum lies before the echo, so single slices are asked
+as well: |z| ≤ 4.5 with standard errors of at most 2 % (.1 to .8 % mostly), so that 10 % in any one of them would be seen.
+Nothing is asked of differences between pixels, of curved or several surfaces, or of other laws of reflection than Lambert's.
 """
 
 from __future__ import annotations
@@ -92,12 +93,12 @@ def check(geometry: str, phase: str, samples: int, photons: int, most_sigma: flo
         assert not agrees(ratio_of(scale * ours.sum(axis=1), theirs.sum(axis=1))), f"{scale} is not seen"
     single = [ratio_of(one, two) for one, two in zip(ours.T, theirs.T, strict=True)]
     print(" ".join(f"{1.0 + s.value:.3f}±{s.sigma:.3f}" for s in single))
-    assert max(s.sigma for s in single) < 0.04 and min(s.sigma for s in single) < 0.006, single
+    assert max(s.sigma for s in single) <= 0.02, single
     assert max(abs(s.value) / s.sigma for s in single) < 4.5, single
 
 
 @pytest.mark.parametrize(
-    ("geometry", "phase", "samples", "photons"), [("wall", "ff", 8192, 45_000), ("water", "hg-0.8", 16_384, 60_000)]
+    ("geometry", "phase", "samples", "photons"), [("wall", "ff", 8192, 40_000), ("water", "hg-0.8", 32_768, 100_000)]
 )
 def test_multiple_scattering_to_a_per_cent(geometry: str, phase: str, samples: int, photons: int) -> None:
     check(geometry, phase, samples, photons)
@@ -106,13 +107,11 @@ def test_multiple_scattering_to_a_per_cent(geometry: str, phase: str, samples: i
 @pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_multiple_scattering_to_a_third_of_a_per_cent(
-    geometry: str, phase: str, request: pytest.FixtureRequest
-) -> None:
-    """All geometries and phase functions with σ_β ≤ .07 %: .33 % would be seen in 95 % of draws."""
+def test_multiple_scattering_in_all_of_them(geometry: str, phase: str, request: pytest.FixtureRequest) -> None:
+    """Every geometry with every phase function, σ_β ≤ .15 %: a bias of .7 % would be refused in 95 % of draws."""
     if "slow" not in str(request.config.getoption("-m")):
-        pytest.skip(f"minutes: pytest -m slow {Path(__file__).name}; a shorter part of it just ran")
-    check(geometry, phase, 65_536, 300_000, 7e-4)
+        pytest.skip(f"ten minutes: pytest -m slow {Path(__file__).name}; a shorter part of it just ran")
+    check(geometry, phase, 40_960, 300_000 if geometry == "water" else 150_000, 1.5e-3)
 
 
 def test_phase_functions_of_the_walk_are_what_they_are_called() -> None:
