@@ -98,7 +98,7 @@ def check(geometry: str, phase: str, samples: int, photons: int, most_sigma: flo
 
 
 @pytest.mark.parametrize(
-    ("geometry", "phase", "samples", "photons"), [("wall", "ff", 8192, 40_000), ("water", "hg-0.8", 32_768, 100_000)]
+    ("geometry", "phase", "samples", "photons"), [("wall", "ff", 8192, 40_000), ("water", "hg-0.8", 49_152, 130_000)]
 )
 def test_multiple_scattering_to_a_per_cent(geometry: str, phase: str, samples: int, photons: int) -> None:
     check(geometry, phase, samples, photons)
