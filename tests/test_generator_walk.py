@@ -1,5 +1,5 @@
-"""The path tracer against walks that share nothing with it: photons from the lamp in NumPy, an integrating sphere in closed
-form, mitransient; and its finite lens and lamp against closed forms."""
+"""The path tracer against what shares nothing with it: an integrating sphere in closed form, mitransient; and its finite lens and
+lamp against closed forms. (Multiply scattered light to 1 %: `test_generator_walk_percent.py`.)"""
 
 from __future__ import annotations
 
@@ -12,131 +12,18 @@ import pytest
 from numpy.typing import NDArray
 
 from beambench.generator.bsdf.plugin import mitsuba_bsdf
-from beambench.generator.gated.full import Limits, Remainder, render_remainder
 from beambench.generator.gated.gates import gate_tables
 from beambench.generator.gated.view import view_of
 from beambench.generator.paths.single import single_electrons
 from beambench.generator.paths.world import PathWorld
 from beambench.generator.rays.backend import mitsuba
-from beambench.scenes.load import load_scene
 from beambench.scenes.materials import Lambert
 from beambench.scenes.rigs.gated import gated_rig
-from beambench.scenes.scene import Scene
 
-from ._gate_closed_form import electrons_per_radiance, gate_response, slices_of
+from ._gate_closed_form import C, electrons_per_radiance, gate_response, slices_of
+from ._lit_wall import lit_wall, remainder
 
-C = 299_792_458.0
 Float = NDArray[np.float64]
-
-
-def lit_wall(scattering: float, g: float, **more: Any) -> Scene:
-    """A wall 3 m away in water, a lamp beside the camera, eight gates about the wall's echo."""
-    return load_scene(
-        "flat-wall",
-        {
-            "target.0.shape.center_m": [0.0, 0.0, 3.0],
-            "target.0.material.albedo": 0.6,
-            "medium": {
-                "name": "water",
-                "index": {"kind": "explicit", "phase": 1.34, "group": 1.36},
-                "absorption_per_m": 0.05,
-                "scattering_per_m": scattering,
-                "phase_function": {"kind": "henyey-greenstein", "g": g},
-            },
-            "rig.camera.rows": 4,
-            "rig.camera.cols": 4,
-            "rig.camera.focal_length_m": 2.5e-4,
-            "rig.laser.position_m": [0.3, 0.0, 0.0],
-            "rig.delays.start_s": 4.8 * 1.36 / C,
-            "rig.delays.step_s": 0.25 * 1.36 / C,
-            "rig.delays.count": 8,
-        }
-        | more,
-    )
-
-
-def remainder(scene: Scene, seed: int, samples: int, component: str = "all", **more: Any) -> Remainder:
-    slices, camera = slices_of(scene), gated_rig(scene).camera
-    nothing = np.zeros((len(slices.delay_s), camera.rows, camera.cols), dtype=np.float32)
-    limits = Limits(most_samples=samples)
-    return render_remainder(scene, nothing, slices, 1e-9, seed, 0, component=component, limits=limits, **more)
-
-
-def turned(rng: np.random.Generator, d: Float, g: float) -> Float:
-    """Henyey-Greenstein directions about d (n, 3)."""
-    n = len(d)
-    cosine = (1 + g * g - ((1 - g * g) / (1 - g + 2 * g * rng.random(n))) ** 2) / (2 * g)
-    phi, sine = 2 * np.pi * rng.random(n), np.sqrt(np.maximum(1 - cosine**2, 0))
-    other = np.where(np.abs(d[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    side = np.cross(d, other)
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    up = np.cross(d, side)
-    out = cosine[:, None] * d + sine[:, None] * (np.cos(phi)[:, None] * side + np.sin(phi)[:, None] * up)
-    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
-
-
-def photons(scene: Scene, g: float, count: int, seed: int) -> Float:
-    """Photoelectrons (slices) of the mean pixel, of light with scattering that is not single: photons leave the lamp, and
-    every event is joined to the pinhole. No event is drawn from the camera."""
-    rng = np.random.default_rng(seed)
-    rig, medium = gated_rig(scene), scene.medium
-    a, b = medium.absorption_per_m, medium.scattering_per_m
-    half = rig.laser.illumination.half_angle_rad
-    tangent = 0.5 * rig.camera.rows * rig.camera.pixel_pitch_m / rig.camera.focal_length_m
-    cosine = 1 - rng.random(count) * (1 - np.cos(half))
-    phi, sine = 2 * np.pi * rng.random(count), np.sqrt(1 - cosine**2)
-    d = np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=1)
-    p = np.tile(np.asarray(rig.laser.position_m), (count, 1))
-    path, weight = np.zeros(count), np.ones(count)
-    scatters, surfaces = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
-    shown = np.zeros(len(slices_of(scene).delay_s))
-    longest = 7.5
-    while len(p):
-        free = rng.exponential(1 / b, len(p))
-        with np.errstate(divide="ignore"):
-            to_wall = np.where(d[:, 2] > 0, (3.0 - p[:, 2]) / d[:, 2], np.inf)
-        hit = to_wall < free
-        step = np.minimum(free, to_wall)
-        p, path, weight = p + d * step[:, None], path + step, weight * np.exp(-a * step)
-        scatters, surfaces = scatters + ~hit, surfaces + hit
-        r = np.linalg.norm(p, axis=1)
-        toward = np.einsum("ij,ij->i", d, p) / r
-        hg = (1 - g * g) / (4 * np.pi * (1 + g * g + 2 * g * toward) ** 1.5)
-        to_camera = np.where(hit, 0.6 / np.pi * p[:, 2] / r, hg)
-        wanted = (scatters >= 1) & (scatters + surfaces >= 2) & (p[:, 2] > 0) & (path + r < longest)
-        wanted &= (np.abs(p[:, 0]) < tangent * p[:, 2]) & (np.abs(p[:, 1]) < tangent * p[:, 2])
-        # An area of the image at unit distance spans a solid angle of cos³.
-        value = weight * to_camera * np.exp(-(a + b) * r) / r**2 / (p[:, 2] / r) ** 3
-        shown += gate_response(scene, (path + r)[wanted] * 1.36 / C) @ value[wanted]
-        new = turned(rng, d, g)
-        z = np.sqrt(rng.random(len(p)))
-        phi, s = 2 * np.pi * rng.random(len(p)), np.sqrt(1 - z * z)
-        d = np.where(hit[:, None], np.stack([s * np.cos(phi), s * np.sin(phi), -z], axis=1), new)
-        weight = np.where(hit, 0.6 * weight, weight)
-        # Walls are 6 m wide: photons beyond miss them, as their rays do.
-        on = (path < longest) & ~(hit & ((np.abs(p[:, 0]) > 3) | (np.abs(p[:, 1]) > 3)))
-        p, d, path, weight, scatters, surfaces = (v[on] for v in (p, d, path, weight, scatters, surfaces))
-    solid = 2 * np.pi * (1 - np.cos(half))
-    return shown * solid * electrons_per_radiance(scene) / (2 * tangent) ** 2 / count
-
-
-@pytest.mark.parametrize(("scattering", "g"), [(0.5, 0.8), (0.3, 0.5)])
-def test_light_between_lamp_water_and_wall(scattering: float, g: float) -> None:
-    """Slices with the wall's echo, of seven runs of each, photons from the lamp against our paths: t below 6 over eight values
-    (with about seven degrees of freedom: a chance of 5e-3 were all at the limit of one). Before the echo photons that come close
-    to the camera carry the light: too few of theirs."""
-    scene = lit_wall(scattering, g, **{"rig.camera.focal_length_m": 8e-5})
-    theirs = np.stack([photons(scene, g, 120_000, seed) for seed in range(7)])
-    ours = np.stack(
-        [remainder(scene, seed, 4096, "multiple").light.mean(axis=(1, 2), dtype=float) for seed in range(7)]
-    )
-    error = np.hypot(theirs.std(axis=0, ddof=1), ours.std(axis=0, ddof=1)) / np.sqrt(7)
-    expected = theirs.mean(axis=0)
-    bright = expected > 0.05 * expected.max()
-    assert bright.sum() >= 3 and np.median((error / expected)[bright]) < 0.05
-    assert np.median((ours.std(axis=0) / expected)[bright]) < 0.02
-    z = ((ours.mean(axis=0) - expected) / error)[bright]
-    assert np.abs(z).max() < 6.0, z
 
 
 def test_shares_add_up_and_single_scattering_is_the_traced_one() -> None:
