@@ -13,8 +13,11 @@ import xarray as xr
 from ...optics.constants import C_M_PER_S
 from ...optics.pile_up import dead_bins, live_pulses
 from ...scenes.errors import InputError
+from ..declared import check_keys
 from ..response import Response, correlate_samples
 from ..rig import DeclaredRig, Samples, read_rig
+from .analog import read_analog
+from .declared import WAVEFORM_KEYS
 
 __all__ = ["WaveformRecord", "read_record"]
 
@@ -33,7 +36,8 @@ class WaveformRecord:
     whether any sample of it is at the top of the converter. usable (shot): marked valid, with the laser on. dark (shot):
     marked valid, with the laser off. time_s (sample): middle of the interval of each sample, evenly spaced by step_s.
     share: R(u), the part of an echo at τ that falls into sample k at u = τ − t_k + step/2. excess, floor_var: the variance
-    of a sample of mean μ is excess·μ + floor_var. dead, pulses (shot) and live (shot, sample) belong to single-photon
+    of a sample of mean μ is excess·μ + floor_var (z in standard deviations of the baseline, excess 0 and floor_var 1 where the
+    gain is unknown). dead, pulses (shot) and live (shot, sample) belong to single-photon
     counting: bins of dead time, pulses of a shot, and pulses that no earlier count has blinded (None for analog records).
     """
 
@@ -81,6 +85,14 @@ class WaveformRecord:
         return self.excess * np.maximum(mean, 0.0) + self.floor_var
 
     @property
+    def least_mean(self) -> float:
+        """Least mean of the background in a fit: without read noise no mean is below zero; with it the mean of the shifted
+        Poisson distribution stays positive; there is none for a normal distribution of the baseline."""
+        if self.floor_var == 0:
+            return 1e-9
+        return -0.5 * self.floor_var / self.excess if self.excess > 0 else -np.inf
+
+    @property
     def reach(self) -> tuple[int, int]:
         """By how many samples an echo may reach before and after its brightest sample, above `_ECHO` of its top."""
         held = self.share.value >= _ECHO * self.share.peak
@@ -114,6 +126,7 @@ def _share(rig: DeclaredRig, step_s: float) -> Response:
 def read_record(capture: xr.Dataset) -> WaveformRecord:
     """Read a waveform capture. Raises InputError where the rig or the times of the samples cannot be used."""
     rig = read_rig(capture, "waveform")
+    check_keys(rig, WAVEFORM_KEYS)
     if "signal" not in capture or capture["signal"].dims != ("shot", "sample"):
         raise InputError(
             "The capture has no waveform.",
@@ -124,29 +137,22 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
     raw = capture["signal"].values
     shots, samples = raw.shape
     time, step = _times(capture, rig)
-    pulses = _per_shot(capture, "pulses", shots, rig.number("pulses_per_shot", above=0)).astype(np.float64)
-    valid, lit = (_per_shot(capture, name, shots, True).astype(bool) for name in ("valid", "laser_on"))
     single = rig.word("detector.readout.kind", "analog", "single-photon") == "single-photon"
-    good = np.isfinite(raw)
-    clipped = np.zeros(shots, dtype=bool)
+    pulses = _pulses(capture, rig, shots, single)
+    valid, lit = (_per_shot(capture, name, shots, True).astype(bool) for name in ("valid", "laser_on"))
     if single:
-        good &= raw >= 0
+        good = np.isfinite(raw) & (raw >= 0)
         z = np.where(good, raw, 0).astype(np.float64)
         dead = dead_bins(rig.number("detector.readout.dead_time_s", least=0), step, samples)
         live = live_pulses(z, pulses, dead)
         good &= live > 0
-        noise = (1.0, 0.0)
+        clipped, excess, floor = np.zeros(shots, dtype=bool), 1.0, 0.0
     else:
-        converter, tube = rig.converter("detector.readout"), rig.amplifier("detector.readout.avalanche")
-        clipped = np.asarray((raw >= converter.saturation_dn).any(axis=1))
-        good &= (raw < converter.saturation_dn) & (raw > converter.dead_dn)
-        counts = np.where(np.isfinite(raw), raw, converter.offset_dn).astype(np.float64) - converter.offset_dn
-        z = counts / (converter.gain_dn_per_e * tube.gain)
-        noise = (tube.excess, converter.floor_e2 / tube.gain**2)
+        z, good, clipped, excess, floor = read_analog(rig, raw, valid)
         dead, live = 0, None
     return WaveformRecord(
         z, good, clipped, valid & lit, valid & ~lit, time, step, _share(rig, round(step, 18)),
-        C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0)), *noise,
+        C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0)), excess, floor,
         None if rig.get("counter_hz") is None else rig.number("counter_hz"), single, dead, pulses, live,
     )  # fmt: skip
 
@@ -166,6 +172,15 @@ def _times(capture: xr.Dataset, rig: DeclaredRig) -> tuple[Float, float]:
             allowed="even, rising steps",
         )
     return time, step
+
+
+def _pulses(capture: xr.Dataset, rig: DeclaredRig, shots: int, single: bool) -> Float:
+    """Pulses of every shot (shot); NaN where they are unknown, and the detector is one whose records do not depend on them."""
+    if not single and rig.unknown("pulses_per_shot"):
+        return np.asarray(_per_shot(capture, "pulses", shots, np.nan), np.float64)
+    given = "pulses" in capture.variables and rig.unknown("pulses_per_shot")
+    nominal = np.nan if given else rig.number("pulses_per_shot", above=0)
+    return np.asarray(_per_shot(capture, "pulses", shots, nominal), np.float64)
 
 
 def _per_shot(capture: xr.Dataset, name: str, shots: int, default: Any) -> npt.NDArray[Any]:

@@ -148,9 +148,8 @@ def _next(record: WaveformRecord, weigh: Weigh, theta: Float, rows: Index) -> Fl
 def _fit_all(record: WaveformRecord, weigh: Weigh, start: Float, rows: Index) -> Fit:
     """Scoring of all echoes together. It works on the given shots only: their indices are passed on to the weights."""
     low_s, high_s = record.window_s
-    floor = -0.5 * record.floor_var / record.excess if record.floor_var > 0 else 1e-9
     echoes = (start.shape[1] - 1) // 2
-    low = np.tile([floor, *[low_s - record.width_s, 0.0] * echoes], (len(start), 1))
+    low = np.tile([record.least_mean, *[low_s - record.width_s, 0.0] * echoes], (len(start), 1))
     high = np.tile([np.inf, *[high_s + record.width_s, np.inf] * echoes], (len(start), 1))
     reach = np.array([np.inf, *[0.7 * record.width_s, np.inf] * echoes])
     judged = tuple(range(1, start.shape[1], 2))
