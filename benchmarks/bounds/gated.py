@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ...estimators.rig import DeclaredRig
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import response as correlation
 from ...optics.likelihood.fisher_table import information_table
@@ -78,12 +79,12 @@ def _window(delay: Float, half: float, scale: float) -> float:
     return half * float(delay.max() - delay.min()) + math.sqrt(12.0) * scale
 
 
-def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
+def _declared_scales(capture: xr.Dataset, rig: DeclaredRig) -> tuple[float, float]:
     """(scale, window) of the declared samples, interpolated linearly: the variance of R is the sum of their variances."""
-    half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
-    jitter = float(rig["laser"]["jitter_shot_s"])
-    pulse = samples_variance_s2(rig["pulse"]) + jitter**2
-    scale = half * math.sqrt(max(pulse + samples_variance_s2(gate) for gate in rig["gates"]))
+    half = C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0))
+    pulse = samples_variance_s2(rig.samples("pulse")) + rig.number("laser.jitter_shot_s", least=0) ** 2
+    gates = range(len(rig.need("gates")))
+    scale = half * math.sqrt(max(pulse + samples_variance_s2(rig.samples(f"gates.{i}")) for i in gates))
     return scale, _window(np.asarray(capture["delay"].values, np.float64), half, scale)
 
 

@@ -9,15 +9,14 @@ J_k = E live_k/((e^λ − 1) M²) about μ = Mλ. The echo is that of a point at
 
 from __future__ import annotations
 
-import json
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ...estimators.rig import DeclaredRig
 from ...optics import pile_up
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import waveforms
@@ -29,7 +28,7 @@ from ...scenes.rigs.waveform import AnalogReadout, SinglePhotonReadout, Waveform
 from ...scenes.scene import Scene
 from ..scores.truth import Bound
 from .footprint import footprint_std_s, is_wide
-from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, unbounded
+from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, true_time, unbounded
 from .profiled import profiled_sigma
 
 __all__ = ["analog_noise", "waveform_bound"]
@@ -71,7 +70,7 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     step = rig.record.step_s
     table = tabulate(pulse, waveforms.RectangularGate(step, 1.0), _RTOL)
     half = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
-    time = np.asarray(capture["time"].values, np.float64) - float(json.loads(capture.attrs["rig"])["t0_s"]) + rig.t0_s
+    time = true_time(capture, "time", rig.t0_s)
     scale = half * response_std_s([table])
     window = half * (float(time[-1] - time[0]) + step)
     truth = np.asarray(capture["truth_range"].values, np.float64)
@@ -96,12 +95,12 @@ def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:
     return is_wide(footprint_std_s(scene, rig.laser.illumination, rig.laser.wavelength_m, field, angle), response_s)
 
 
-def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
+def _declared_scales(capture: xr.Dataset, rig: DeclaredRig) -> tuple[float, float]:
     """(scale, window) of the declared response, averaged over one sampling interval."""
-    half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
-    step = float(rig["record"]["step_s"])
+    half = C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0))
     time = np.asarray(capture["time"].values, np.float64)
-    scale = half * math.sqrt(samples_variance_s2(rig["response"]) + step**2 / 12.0)
+    step = float(np.diff(time).mean()) if time.size > 1 else rig.number("record.step_s", above=0)
+    scale = half * math.sqrt(samples_variance_s2(rig.samples("response")) + step**2 / 12.0)
     return scale, half * (float(time[-1] - time[0]) + step)
 
 
