@@ -23,7 +23,8 @@ class AnalogSamples(NamedTuple):
     """z (shot, sample): light above the offset; good (likewise): finite, not clipped, not dead; clipped (shot). A sample of mean
     μ has the variance excess·μ + floor_var.
 
-    z is in photoelectrons; where the gain is unknown it is in standard deviations of the baseline, and excess is 0.
+    z is in photoelectrons; where the gain is unknown it is in standard deviations of the baseline, and excess is 0 (to be
+    measured: `light_noise`).
     """
 
     z: Float

@@ -26,7 +26,7 @@ WAVEFORM_KEYS = (
     Key(
         f"{_READOUT}.gain_dn_per_e", "number", "DN/electron", "signal per electron, in the unit of `signal`", _ALL, case=_ANALOG,
         above=0,
-        unknown="the noise is measured in the record; sigma then holds the noise of the baseline, and none of the light",
+        unknown="noise is measured: in the darker half of the records, and that of the light in the residuals of fitted echoes",
     ),
     Key(f"{_READOUT}.offset_dn", "number", "DN", "signal without light", _ALL, case=_ANALOG),
     Key(

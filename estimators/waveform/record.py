@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..response import Response, correlate_samples
 from ..rig import DeclaredRig, Samples, read_rig
 from .analog import read_analog
 from .declared import WAVEFORM_KEYS
+from .light_noise import light_noise
 
 __all__ = ["WaveformRecord", "read_record"]
 
@@ -36,8 +37,8 @@ class WaveformRecord:
     whether any sample of it is at the top of the converter. usable (shot): marked valid, with the laser on. dark (shot):
     marked valid, with the laser off. time_s (sample): middle of the interval of each sample, evenly spaced by step_s.
     share: R(u), the part of an echo at τ that falls into sample k at u = τ − t_k + step/2. excess, floor_var: the variance
-    of a sample of mean μ is excess·μ + floor_var (z in standard deviations of the baseline, excess 0 and floor_var 1 where the
-    gain is unknown). dead, pulses (shot) and live (shot, sample) belong to single-photon
+    of a sample of mean μ is excess·μ + floor_var (where the gain is unknown, z is in standard deviations of the
+    baseline, and excess measured). dead, pulses (shot) and live (shot, sample) belong to single-photon
     counting: bins of dead time, pulses of a shot, and pulses that no earlier count has blinded (None for analog records).
     """
 
@@ -150,11 +151,21 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
     else:
         z, good, clipped, excess, floor = read_analog(rig, raw, valid)
         dead, live = 0, None
-    return WaveformRecord(
+    record = WaveformRecord(
         z, good, clipped, valid & lit, valid & ~lit, time, step, _share(rig, round(step, 18)),
         C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0)), excess, floor,
         None if rig.get("counter_hz") is None else rig.number("counter_hz"), single, dead, pulses, live,
     )  # fmt: skip
+    return record if record.excess > 0 else _with_light_noise(record)
+
+
+def _with_light_noise(record: WaveformRecord) -> WaveformRecord:
+    """The record of a rig of unknown gain, with the noise of the light as its echoes show it."""
+    top = record.brightest()
+    use = record.good & record.near(top) & (record.usable & record.intact(top))[:, None]
+    begin = record.time_s[top] - 0.5 * record.step_s + record.share.peak_s
+    found = light_noise(record.z, use, record.floor_var, begin, record.step_s, lambda tau_s: record.template(tau_s)[0])
+    return replace(record, excess=found)
 
 
 def _times(capture: xr.Dataset, rig: DeclaredRig) -> tuple[Float, float]:

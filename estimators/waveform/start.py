@@ -54,7 +54,7 @@ def likelihood_weights(record: WaveformRecord) -> Weigh:
     """Weights of the likelihood.
 
     Analog samples: the shifted Poisson distribution y + s ~ Poisson(μ/F² + s), y = z/F², s = σ²/F⁴, which matches mean
-    and variance (Snyder et al. 1995); a normal distribution where the gain is unknown. Single-photon counts:
+    and variance (Snyder et al. 1995); a normal distribution where light adds no noise. Single-photon counts:
     n ~ Binomial(live, 1 − e^(−μ/M)), exact.
     """
     if record.live is not None:
