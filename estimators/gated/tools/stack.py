@@ -66,6 +66,16 @@ class Stack:
         shift = np.array([r.centroid_s for r in self.instrument.responses])
         return np.asarray(self.delay_s[: self.signal] + shift[self.gate[: self.signal]])
 
+    def widths(self) -> Float:
+        """Part of the span of delays that every signal group stands for (signal), relative to their mean: half the distance of
+        its neighbours, at an end the distance of the only one. 1 for even delays, and for slices of several gates."""
+        delay, gate = self.delay_s[: self.signal], self.gate[: self.signal]
+        gaps = np.diff(delay)
+        if gaps.size < 2 or (gate != gate[0]).any() or np.ptp(gaps) <= 1e-6 * gaps.mean():
+            return np.ones(self.signal)
+        wide = 0.5 * (np.concatenate([gaps[:1], gaps]) + np.concatenate([gaps, gaps[-1:]]))
+        return np.asarray(wide / wide.mean())
+
     def spacing_s(self) -> float:
         """Median spacing of the delays; the standard deviation of R where there is only one delay."""
         gaps = np.diff(np.unique(self.delay_s[: self.signal]))
