@@ -49,9 +49,9 @@ def gated_bound(capture: xr.Dataset) -> Bound:
     """The bound of every pixel of a generated capture (with its truth).
 
     `kind` is "exact", or "quasi" if the capture has an effect that the likelihood above does not include: pulse energy or
-    delay that fluctuate from slice to slice, a halo, correlated noise of a phosphor, averaged counts, a lens or lamp of finite
-    size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are constants of each pixel, and part of the profiled amplitude and
-    background.
+    delay that fluctuate from slice to slice, a halo, correlated noise of a phosphor, averaged counts, unsound samples,
+    a lens or lamp of finite size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are constants of each pixel, and part of
+    the profiled amplitude and background.
 
     A capture without its true scene, amplitude or background (surveyed, or measured by a reference instrument) has no
     bound: `kind` is "none", and the scales follow from the declared rig.
@@ -97,6 +97,7 @@ def _kind(capture: xr.Dataset, rig: GatedRig) -> str:
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
         bool(halo_of(capture).any()),
+        "valid_sample" in capture and not bool(capture["valid_sample"].values.all()),
         # The mean above is that of a rig at rest with point-like lens and lamp, and without a screen.
         rig.camera.focus_distance_m is not None or rig.laser.source_radius_m > 0.0,
         rig.motion_m_per_s is not None or rig.screen is not None,

@@ -31,7 +31,7 @@ from .footprint import footprint_std_s, is_wide
 from .instrument import bounded, response_std_s, samples_variance_s2, true_scene, true_time, unbounded
 from .profiled import profiled_sigma
 
-__all__ = ["analog_noise", "waveform_bound"]
+__all__ = ["analog_noise", "record_start", "waveform_bound"]
 
 Float = npt.NDArray[np.float64]
 
@@ -58,11 +58,12 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
 
     `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses, or if
     the footprint of any shot spreads its echo by more than a tenth of the response. Without true scene, amplitude or
-    background it is "none", with scales from the declared rig.
+    background it is "none", with scales from the declared rig; so it is for shots with outgoing pulses of their own, which no
+    scene holds. Records start at `time` + `start`; samples that are not sound carry no information.
 
     Raises InputError for an invalid true scene, or for a declared rig that lacks a required value.
     """
-    if not bounded(capture, "truth_amplitude", "truth_background"):
+    if "pulse" in capture or not bounded(capture, "truth_amplitude", "truth_background"):
         return unbounded(capture, lambda rig: _declared_scales(capture, rig))
     scene = true_scene(capture)
     rig = waveform_rig(scene)
@@ -76,16 +77,26 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     truth = np.asarray(capture["truth_range"].values, np.float64)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
     background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
-    u = (truth / half + delay)[:, None] - time + 0.5 * step
+    u = (truth / half + delay - record_start(capture))[:, None] - time + 0.5 * step
     seen = np.isfinite(u)
     share, slope = _share(table, np.where(seen, u, 0.0))
     mean = np.maximum(amplitude * share + background, 0.0)
     gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
-    sigma = profiled_sigma(_information(rig, mean), gradient)
+    information = _information(rig, mean)
+    if "valid_sample" in capture:
+        information = information * np.asarray(capture["valid_sample"].values, bool)
+    sigma = profiled_sigma(information, gradient)
     laser = rig.laser
     drawn = max(laser.energy_fluctuation, laser.jitter_shot_s, laser.jitter_pulse_s) > 0
     kind = "quasi" if drawn or _is_wide(scene, rig, scale / half) else "exact"
     return Bound(np.where(seen.all(axis=1), sigma, np.nan), kind, scale, window)
+
+
+def record_start(capture: xr.Dataset) -> Float:
+    """Start of every record, added to `time` (shot), s."""
+    if "start" in capture.variables:
+        return np.asarray(capture["start"].values, np.float64)
+    return np.zeros(capture.sizes["shot"])
 
 
 def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:

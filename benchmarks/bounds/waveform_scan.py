@@ -14,7 +14,7 @@ from ...scenes.rigs.waveform import AnalogReadout, shown_pulse, waveform_rig
 from ...scenes.scene import Scene
 from .instrument import response_std_s, true_time
 from .scan import Elements, Scan, levels, make_scan, need_truth, table_shapes
-from .waveform import analog_noise
+from .waveform import analog_noise, record_start
 
 __all__ = ["waveform_scan"]
 
@@ -38,6 +38,6 @@ def waveform_scan(capture: xr.Dataset, scene: Scene) -> tuple[Scan, Elements]:
     noise = analog_noise(readout) if isinstance(readout, AnalogReadout) else None
     at = time - 0.5 * step - lag
     shapes = table_shapes([table], np.zeros(time.size, np.int64), at, width)
-    echo = truth / half
+    echo = truth / half - record_start(capture)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)
     return make_scan(shapes, share, window, width, noise, echo), Elements(echo, amplitude, level, half)

@@ -49,5 +49,10 @@ WAVEFORM_KEYS = (
     ),
     Key(f"{_READOUT}.dead_time_s", "number", "s", "dead time after a count", _ALL, case=_PHOTONS, least=0),
     Key("record.step_s", "number", "s", "distance of samples; read where a record has one sample", _ALL, optional=True, above=0),
+    Key(
+        "detector_response", "samples", "s",
+        "signal of one photoelectron alone; convolved with the `pulse` of each shot. Absent: `pulse` was recorded by the same "
+        "detector", "captures with `pulse`", optional=True,
+    ),
     Key("counter_hz", "number", "Hz", "frequency of the counter, null where there is none", "waveform-counter", optional=True),
 )  # fmt: skip

@@ -19,6 +19,7 @@ from ..rig import DeclaredRig, Samples, read_rig
 from .analog import read_analog
 from .declared import WAVEFORM_KEYS
 from .light_noise import light_noise
+from .per_pulse import outgoing
 
 __all__ = ["WaveformRecord", "read_record"]
 
@@ -39,7 +40,8 @@ class WaveformRecord:
     share: R(u), the part of an echo at τ that falls into sample k at u = τ − t_k + step/2. excess, floor_var: the variance
     of a sample of mean μ is excess·μ + floor_var (where the gain is unknown, z is in standard deviations of the
     baseline, and excess measured). dead, pulses (shot) and live (shot, sample) belong to single-photon
-    counting: bins of dead time, pulses of a shot, and pulses that no earlier count has blinded (None for analog records).
+    counting: bins of dead time, pulses of a shot, and pulses that no earlier count has blinded (None for analog records). start_s
+    (shot): start of the record after the emitted pulse's centroid, which is added to time_s.
     """
 
     z: Float
@@ -58,6 +60,12 @@ class WaveformRecord:
     dead: int
     pulses: Float
     live: Float | None
+    start_s: Float
+
+    def range_m(self, tau_s: Float) -> Float:
+        """Range [m] of echoes at tau_s (shot, …) on the clock of `time_s`, to which the start of each record is added."""
+        start = self.start_s.reshape(-1, *([1] * (np.ndim(tau_s) - 1)))
+        return np.asarray((tau_s + start) * self.m_per_s)
 
     @property
     def width_s(self) -> float:
@@ -120,8 +128,12 @@ class WaveformRecord:
 
 @lru_cache(maxsize=8)
 def _share(rig: DeclaredRig, step_s: float) -> Response:
+    return _sampled(rig.samples("response"), step_s)
+
+
+def _sampled(response: Samples, step_s: float) -> Response:
     # A sample collects charge over its interval as a gate of that width does.
-    return correlate_samples(rig.samples("response"), Samples(0.0, step_s / 16, np.ones(17)))
+    return correlate_samples(response, Samples(0.0, step_s / 16, np.ones(17)))
 
 
 def read_record(capture: xr.Dataset) -> WaveformRecord:
@@ -135,7 +147,7 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
             value=tuple(capture.variables),
             allowed="dims (shot, sample)",
         )
-    raw = capture["signal"].values
+    raw = _marked(capture)
     shots, samples = raw.shape
     time, step = _times(capture, rig)
     single = rig.word("detector.readout.kind", "analog", "single-photon") == "single-photon"
@@ -151,10 +163,16 @@ def read_record(capture: xr.Dataset) -> WaveformRecord:
     else:
         z, good, clipped, excess, floor = read_analog(rig, raw, valid)
         dead, live = 0, None
+    start = _per_shot(capture, "start", shots, 0.0).astype(np.float64)
+    share = _share(rig, round(step, 18))
+    if "pulse" in capture.variables:
+        response, centroid = outgoing(capture, rig)
+        share, start = _sampled(response, step), start - centroid
     record = WaveformRecord(
-        z, good, clipped, valid & lit, valid & ~lit, time, step, _share(rig, round(step, 18)),
+        z, good, clipped, valid & lit, valid & ~lit, time, step, share,
         C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0)), excess, floor,
         None if rig.get("counter_hz") is None else rig.number("counter_hz"), single, dead, pulses, live,
+        start,
     )  # fmt: skip
     return record if record.excess > 0 else _with_light_noise(record)
 
@@ -192,6 +210,21 @@ def _pulses(capture: xr.Dataset, rig: DeclaredRig, shots: int, single: bool) -> 
     given = "pulses" in capture.variables and rig.unknown("pulses_per_shot")
     nominal = np.nan if given else rig.number("pulses_per_shot", above=0)
     return np.asarray(_per_shot(capture, "pulses", shots, nominal), np.float64)
+
+
+def _marked(capture: xr.Dataset) -> npt.NDArray[Any]:
+    """The signal (shot, sample), with NaN for samples that the capture marks as unsound, where there are any."""
+    raw: npt.NDArray[Any] = capture["signal"].values
+    if "valid_sample" not in capture.variables or (sound := np.asarray(capture["valid_sample"].values, bool)).all():
+        return raw
+    if sound.shape != raw.shape:
+        raise InputError(
+            "The marks of the samples do not fit the signal.",
+            where="valid_sample",
+            value=sound.shape,
+            allowed=str(raw.shape),
+        )
+    return np.where(sound, raw, np.nan)
 
 
 def _per_shot(capture: xr.Dataset, name: str, shots: int, default: Any) -> npt.NDArray[Any]:

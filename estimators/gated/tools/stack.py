@@ -92,7 +92,7 @@ def read_stack(capture: xr.Dataset) -> Stack:
         raise InputError(
             "The capture has no stack of slices.", where="counts", value=found, allowed="dims (slice, row, col)"
         )
-    counts = variables["counts"].values
+    counts = _marked(variables)
     total = counts.shape[0]
     instrument = instrument_of(capture)
     if counts.shape[1:] != (instrument.rows, instrument.cols):
@@ -147,6 +147,19 @@ def _dark(counts: npt.NDArray[Any], frames: float) -> Dark | None:
     if not sound.any():
         return None
     return Dark(float(held[:, sound].mean()), frames * float(held[:, sound].var(axis=0, ddof=1).mean()))
+
+
+def _marked(variables: Any) -> npt.NDArray[Any]:
+    """The counts, with NaN (float32) for samples that the capture marks as unsound, where there are any."""
+    counts: npt.NDArray[Any] = variables["counts"].values
+    if "valid_sample" not in variables or (sound := np.asarray(variables["valid_sample"].values, bool)).all():
+        return counts
+    if sound.shape != counts.shape:
+        raise InputError(
+            "The marks of the samples do not fit the counts.", where="valid_sample", value=sound.shape,
+            allowed=str(counts.shape),
+        )  # fmt: skip
+    return np.where(sound, counts.astype(np.float32), np.float32(np.nan))
 
 
 def _without_dead(counts: npt.NDArray[Any], dead_dn: float) -> npt.NDArray[Any]:
