@@ -29,7 +29,6 @@ _GATED = (
     coord("pulses", "slice", INT, "1", "laser pulses accumulated in the slice; absent: equally many", required=False),
     coord("laser_on", "slice", BOOL, "1", "whether the laser fired"),
     *per_frame("slice"),
-    data("valid_sample", "slice row col", BOOL, "1", "whether the sample was recorded soundly", required=False),
     truth("truth_range", "row col", REAL, "m", "radial range along the pixel-centre ray"),
     truth("truth_depth", "row col", REAL, "m", "orthogonal distance along the optical axis"),
     truth("truth_incidence", "row col", REAL, "rad", "angle between the surface normal and the ray"),
@@ -62,6 +61,7 @@ _GATED = (
         truth(f"truth_{name}", "slice row col", MAP, "electron", f"expected light: {component}", required=False)
         for name, component in _LIGHT.items()
     ),
+    data("valid_sample", "slice row col", BOOL, "1", "whether the sample was recorded soundly", required=False),
     *camera_extras("slice row col"),
 )  # fmt: skip
 

@@ -64,7 +64,7 @@ def _check(capture: xr.Dataset, rig: dict[str, Any], where: str) -> None:
         bad = returns[np.isinf(returns) | (returns <= 0)]
         if bad.size:
             raise InputError(
-                "truth_returns must be positive, or NaN beyond the number of returns.", where=f"{where}: truth_returns",
+                "The ranges of the returns must be positive, or NaN beyond their number.", where=f"{where}: truth_returns",
                 value=float(bad[0]), allowed="> 0 or NaN",
             )  # fmt: skip
 
