@@ -64,6 +64,4 @@ def _converter(rig: dict[str, Any]) -> dict[str, Any] | None:
     return readout if "gain_dn_per_e" in readout else None
 
 
-LAWS = Laws(
-    (clean_capture, counted_capture), "later samples and starts of records, farther ranges", _later, _step, _converter
-)
+LAWS = Laws((clean_capture, counted_capture), "a later zero of time, farther ranges", _later, _step, _converter)
