@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["example_capture"]
 
 _SIZES = {
-    "slice": 6, "row": 5, "col": 7, "channel": 3, "shot": 4, "sample": 32, "frequency": 2, "phase": 4, "frame": 3,
-    "return": 2, "lenslet": 9, "mode": 8, "pupil_row": 6, "pupil_col": 6,
+    "slice": 6, "row": 5, "col": 7, "channel": 3, "shot": 4, "sample": 32, "pulse_sample": 16, "frequency": 2, "phase": 4,
+    "frame": 3, "return": 2, "lenslet": 9, "mode": 8, "pupil_row": 6, "pupil_col": 6,
 }  # fmt: skip
 
 
@@ -69,7 +69,7 @@ def example_capture(
 
 def _values(variable: Variable, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray[Any, Any]:
     dtype = np.dtype(variable.dtypes[0])
-    if variable.name in ("delay", "time", "frequency", "phase"):
+    if variable.name in ("delay", "time", "pulse_time", "frequency", "phase"):
         return np.broadcast_to(1e-9 * np.arange(shape[0]), shape).astype(dtype)
     if variable.name == "gate":
         return np.zeros(shape, dtype)

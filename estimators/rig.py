@@ -1,7 +1,8 @@
 """The declared rig of a capture, read in one place: the JSON attribute `rig`, parsed once per text.
 
-Of the instrument an estimator knows what this attribute declares, and nothing else. Values are named by a path of keys and
-list positions joined by dots ("detector.gain_dn_per_e", "gates.0"); every error gives the path and the value.
+Of the instrument an estimator knows what this attribute declares, and nothing else; null states a value as unknown. Values
+are named by a path of keys and list positions joined by dots ("detector.gain_dn_per_e", "gates.0"); every error gives the path and
+the value.
 """
 
 from __future__ import annotations
@@ -97,6 +98,10 @@ class DeclaredRig:
         """The value at a path, None where the rig lacks it."""
         return _at(self.values, path)[0]
 
+    def unknown(self, path: str) -> bool:
+        """Whether the rig states the value at a path as unknown: it is there, and null."""
+        return _at(self.values, path) == (None, True)
+
     def number(self, path: str, *, above: float | None = None, least: float | None = None) -> float:
         """A finite number, within the limits where they are given. Raises InputError."""
         return _number(self.need(path), path, above, least)
@@ -129,16 +134,30 @@ class DeclaredRig:
 
     def samples(self, path: str) -> Samples:
         """A pulse, gate or response {"start_s", "step_s", "value"}. Raises InputError."""
-        return samples_of(self.need(path), _where(path))
+        spec = self.need(path)
+        if spec is None:
+            raise _unusable(path, spec, "samples {start_s, step_s, value}")
+        return samples_of(spec, _where(path))
 
-    def converter(self, path: str) -> Converter:
-        """The converter that a detector or readout describes. Raises InputError."""
+    def converter(self, path: str, *, read_noise_e: float | None = None, top_dn: float | None = None) -> Converter:
+        """The converter that a detector or readout describes.
+
+        A full well stated as unknown leaves the converter's top as the limit, an unknown number of bits the full well.
+        read_noise_e, top_dn: measured read noise, and limit of the counts where both limits are unknown. Raises InputError for
+        a value that is missing, cannot be used, or is unknown and not measured.
+        """
         gain = self.number(f"{path}.gain_dn_per_e", above=0)
         offset = self.number(f"{path}.offset_dn")
-        read = self.number(f"{path}.read_noise_e", least=0)
-        full = offset + gain * (self.number(f"{path}.full_well_e", above=0) - 4 * read)
-        top = 2.0 ** self.whole(f"{path}.adc_bits", most=_MOST_BITS) - 1
-        return Converter(gain, offset, read, min(top, full))
+        measured = read_noise_e if self.unknown(f"{path}.read_noise_e") else None
+        read = self.number(f"{path}.read_noise_e", least=0) if measured is None else measured
+        tops = []
+        if not self.unknown(f"{path}.full_well_e"):
+            tops.append(offset + gain * (self.number(f"{path}.full_well_e", above=0) - 4 * read))
+        if not tops and top_dn is not None:
+            tops.append(top_dn)
+        elif not tops or not self.unknown(f"{path}.adc_bits"):
+            tops.append(2.0 ** self.whole(f"{path}.adc_bits", most=_MOST_BITS) - 1)
+        return Converter(gain, offset, read, min(tops))
 
     def amplifier(self, path: str) -> Amplifier:
         """The tube or avalanche at a path; one without gain and noise where the rig has none there. Raises InputError."""
@@ -252,4 +271,9 @@ def _number(value: Any, path: str, above: float | None, least: float | None) -> 
 
 
 def _unusable(path: str, value: Any, allowed: str) -> InputError:
+    if value is None:
+        return InputError(
+            "A value of the declared rig is unknown (null) and cannot be used.", where=_where(path), allowed=allowed,
+            next_step="measure and declare it, or take an estimator that does not need it: docs/declared-rig.md",
+        )  # fmt: skip
     return InputError("A value of the declared rig cannot be used.", where=_where(path), value=value, allowed=allowed)

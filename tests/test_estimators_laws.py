@@ -162,6 +162,7 @@ def _sound(capture: xr.Dataset) -> xr.Dataset:
     valid = ~bad & (top[:, 0] > 50)
     time = capture["time"].values
     tau = time[0] + (weight * (time - time[0])).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+    tau = tau + (capture["start"].values if "start" in capture.coords else 0.0)
     value = np.where(valid, tau * C_M_PER_S / (2 * rig["medium"]["group_index"]), np.nan)
     sigma = np.where(valid, 0.01, np.nan)
     return xr.Dataset({"range": ("shot", value), "sigma": ("shot", sigma), "valid": ("shot", valid)})
@@ -207,6 +208,11 @@ def _marks(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
 
 def _ignores_time(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
     result["range"].values[:] -= 0.01 * 0.1 * (capture["time"].values[0] - 30e-9) / 1e-9
+
+
+def _ignores_start(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    if "start" in capture.coords:
+        result["range"].values[:] -= capture["start"].values * C_M_PER_S / 2
 
 
 def _uses_counts(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
@@ -309,6 +315,7 @@ FAULTS = [
     ("same answer twice", _drifts),
     ("leaves its input alone", _marks),
     ("shift: a later zero of time, farther ranges", _ignores_time),
+    ("shift: a later zero of time, farther ranges", _ignores_start),
     ("gain: twice the gain and the counts, the same answer", _uses_counts),
     ("shots do not depend on their order", _by_place),
     ("finite or invalid: all zero", _zero),

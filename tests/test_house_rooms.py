@@ -34,7 +34,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "generate",
     ),
     "estimators": (
-        "labels", "rig", "response", "result", "builtin", "registry", "fit", "gated", "waveform", "amcw", "calibration",
+        "labels", "rig", "declared", "response", "result", "builtin", "registry", "fit", "gated", "waveform", "amcw", "calibration",
         "listing", "package",
     ),
     "benchmarks": (

@@ -31,7 +31,7 @@ def test_every_example_loads(tmp_path: Path) -> None:
     names = {name for example in examples for name in example}
     assert names == {
         "target.0.texture", "rig.screen", "rig.motion_m_per_s", "rig.ambient", "rig.camera.focus_distance_m",
-        "rig.laser.source_radius_m",
+        "rig.laser.source_radius_m", "rig.delays",
     }  # fmt: skip
     for example in examples:
         if "target.0.texture" in example:

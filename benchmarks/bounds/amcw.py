@@ -9,12 +9,12 @@ number of whole cycles, which an estimator must determine, is taken as known.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ...estimators.rig import DeclaredRig
 from ...optics.amcw import modulation_wavelength
 from ...optics.constants import C_M_PER_S
 from ...optics.likelihood.fisher_table import information_table
@@ -77,11 +77,11 @@ def _shortest_scale(frequency: Float, index: float) -> float:
     return float(modulation_wavelength(frequency.max(), index)) / (2.0 * math.sqrt(12.0))
 
 
-def _declared_scales(rig: dict[str, Any]) -> tuple[float, float]:
+def _declared_scales(rig: DeclaredRig) -> tuple[float, float]:
     """(scale, window) of the declared modulation and range window."""
-    frequency = np.asarray(rig["modulation"]["frequencies_hz"], np.float64)
-    near, far = (float(value) for value in rig["range_window_m"])
-    return _shortest_scale(frequency, float(rig["medium"]["group_index"])), far - near
+    frequency = rig.numbers("modulation.frequencies_hz", above=0)
+    near, far = (float(value) for value in rig.numbers("range_window_m", length=2))
+    return _shortest_scale(frequency, rig.number("medium.group_index", above=0)), far - near
 
 
 def amcw_noise(rig: AmcwRig) -> NoiseModel:

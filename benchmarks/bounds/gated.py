@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ...estimators.rig import DeclaredRig
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import response as correlation
 from ...optics.likelihood.fisher_table import information_table
@@ -49,8 +50,8 @@ def gated_bound(capture: xr.Dataset) -> Bound:
 
     `kind` is "exact", or "quasi" if the capture has an effect that the likelihood above does not include: pulse energy or delay
     that fluctuate from slice to slice (the mean of its pulses by more than a tenth of a bound), a halo, correlated noise of a
-    phosphor, averaged counts, a lens or lamp of finite size, a moving rig, a screen. Fixed patterns (PRNU, DSNU) are
-    constants of each pixel, and part of the profiled amplitude and background.
+    phosphor, averaged counts, unsound samples, a lens or lamp of finite size, a moving rig, a screen. Fixed patterns (PRNU,
+    DSNU) are constants of each pixel, and part of the profiled amplitude and background.
 
     A capture without its true scene, amplitude or background (surveyed, or measured by a reference instrument) has no
     bound: `kind` is "none", and the scales follow from the declared rig.
@@ -78,12 +79,12 @@ def _window(delay: Float, half: float, scale: float) -> float:
     return half * float(delay.max() - delay.min()) + math.sqrt(12.0) * scale
 
 
-def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
+def _declared_scales(capture: xr.Dataset, rig: DeclaredRig) -> tuple[float, float]:
     """(scale, window) of the declared samples, interpolated linearly: the variance of R is the sum of their variances."""
-    half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
-    jitter = float(rig["laser"]["jitter_shot_s"])
-    pulse = samples_variance_s2(rig["pulse"]) + jitter**2
-    scale = half * math.sqrt(max(pulse + samples_variance_s2(gate) for gate in rig["gates"]))
+    half = C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0))
+    pulse = samples_variance_s2(rig.samples("pulse")) + rig.number("laser.jitter_shot_s", least=0) ** 2
+    gates = range(len(rig.need("gates")))
+    scale = half * math.sqrt(max(pulse + samples_variance_s2(rig.samples(f"gates.{i}")) for i in gates))
     return scale, _window(np.asarray(capture["delay"].values, np.float64), half, scale)
 
 
@@ -97,6 +98,7 @@ def _kind(capture: xr.Dataset, rig: GatedRig, half: float, sigma: Float) -> str:
         tube is not None and tube.phosphor_sigma_px > 0,
         bool(capture.attrs.get("averaged", False)),
         bool(halo_of(capture).any()),
+        "valid_sample" in capture and not bool(capture["valid_sample"].values.all()),
         # The mean above is that of a rig at rest with point-like lens and lamp, and without a screen.
         rig.camera.focus_distance_m is not None or rig.laser.source_radius_m > 0.0,
         rig.motion_m_per_s is not None or rig.screen is not None,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -14,6 +12,7 @@ from ...optics.correlation import waveforms
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.rigs.gated import GatedRig
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
+from .instrument import true_time
 
 __all__ = [
     "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay", "true_delay",
@@ -69,8 +68,7 @@ def path_delay(truth: Float, rig: GatedRig, group_index: float) -> tuple[Float, 
 
 def true_delay(capture: xr.Dataset, rig: GatedRig) -> Float:
     """True delays (slice), s: the coordinate `delay`, with the true t0 in place of the declared one."""
-    declared = float(json.loads(capture.attrs["rig"])["t0_s"])
-    return np.asarray(capture["delay"].values, np.float64) - declared + rig.t0_s
+    return true_time(capture, "delay", rig.t0_s)
 
 
 def gate_offsets(rig: GatedRig, shape: tuple[int, int]) -> Float:

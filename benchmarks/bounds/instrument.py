@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ...estimators.rig import DeclaredRig, Samples, read_rig
 from ...optics.correlation import response as correlation
 from ...scenes.errors import InputError
 from ...scenes.scene import Scene
@@ -22,14 +22,8 @@ from ...scenes.validate import validate_spec
 from ..scores.truth import Bound
 
 __all__ = [
-    "bounded",
-    "moves",
-    "response_centroid_s",
-    "response_std_s",
-    "samples_variance_s2",
-    "true_scene",
-    "unbounded",
-]
+    "bounded", "moves", "response_centroid_s", "response_std_s", "samples_variance_s2", "true_scene", "true_time", "unbounded",
+]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
 
@@ -47,16 +41,12 @@ def bounded(capture: xr.Dataset, *truth: str) -> bool:
     return isinstance(capture.attrs.get("truth_scene"), str) and all(name in capture for name in truth)
 
 
-def _declared(capture: xr.Dataset) -> dict[str, Any]:
-    """The declared rig. Raises InputError if it is not a table of values."""
-    text = capture.attrs.get("rig")
-    try:
-        rig = json.loads(text) if isinstance(text, str) else None
-    except ValueError:
-        rig = None
-    if not isinstance(rig, dict):
-        raise InputError("The capture does not declare its instrument.", where="attribute rig", value=text)
-    return rig
+def true_time(capture: xr.Dataset, name: str, t0_s: float) -> Float:
+    """A coordinate of times [s] with the true zero of time t0_s in place of the declared one.
+
+    Raises InputError for a declared rig that lacks its zero of time, or states it as unknown.
+    """
+    return np.asarray(capture[name].values, np.float64) - read_rig(capture).number("t0_s") + t0_s
 
 
 def moves(shift_m: float, sigma: Float) -> bool:
@@ -66,22 +56,20 @@ def moves(shift_m: float, sigma: Float) -> bool:
     return shift_m > (0.1 * least if np.isfinite(least) else 0.0)
 
 
-def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[float, float]]) -> Bound:
+def unbounded(capture: xr.Dataset, scales: Callable[[DeclaredRig], tuple[float, float]]) -> Bound:
     """The `Bound` of a capture without one: kind "none", NaN for every element.
 
     Main arguments:
         scales: declared rig -> (scale, window) in the unit of the quantity.
 
-    Raises InputError if the declared rig lacks a required value.
+    Raises InputError if the declared rig lacks a required value, or states it as unknown.
     """
-    rig = _declared(capture)
     try:
-        scale, window = scales(rig)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+        scale, window = scales(read_rig(capture))
+    except InputError as error:
         raise InputError(
-            "The declared rig does not state the scale of failure.", where="attribute rig",
-            value=f"{type(error).__name__}: {error}",
-            next_step="declare pulse, gates and medium as `beambench generate` does",
+            f"The declared rig does not state the scale of failure: {error.what}", where=error.where, value=error.value,
+            allowed=error.allowed, next_step="declare pulse, gates and medium as `beambench generate` does",
         ) from error  # fmt: skip
     if not (math.isfinite(scale) and scale > 0 and math.isfinite(window) and window > 0):
         raise InputError(
@@ -102,9 +90,9 @@ def response_std_s(tables: list[correlation.Table]) -> float:
     return max(widths)
 
 
-def samples_variance_s2(samples: Mapping[str, Any]) -> float:
+def samples_variance_s2(samples: Samples) -> float:
     """Variance [s²] of a declared waveform as a density: uniform samples with linear interpolation, which adds step²/6."""
-    value, step = np.asarray(samples["value"], np.float64), float(samples["step_s"])
+    _, step, value = samples
     t = step * np.arange(value.size)
     mean = float((value * t).sum() / value.sum())
     return float((value * (t - mean) ** 2).sum() / value.sum()) + step**2 / 6.0

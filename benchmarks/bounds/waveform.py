@@ -9,15 +9,14 @@ J_k = E live_k/((e^λ − 1) M²) about μ = Mλ. The echo is that of a point at
 
 from __future__ import annotations
 
-import json
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from ...estimators.rig import DeclaredRig
 from ...optics import pile_up
 from ...optics.constants import C_M_PER_S
 from ...optics.correlation import waveforms
@@ -36,10 +35,10 @@ from ...scenes.rigs.waveform import (
 from ...scenes.scene import Scene
 from ..scores.truth import Bound
 from .footprint import footprint_std_s, is_wide
-from .instrument import bounded, moves, response_std_s, samples_variance_s2, true_scene, unbounded
+from .instrument import bounded, moves, response_std_s, samples_variance_s2, true_scene, true_time, unbounded
 from .profiled import profiled_sigma
 
-__all__ = ["analog_noise", "waveform_bound"]
+__all__ = ["analog_noise", "record_start", "waveform_bound"]
 
 Float = npt.NDArray[np.float64]
 
@@ -66,11 +65,13 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
 
     `kind` is "exact", or "quasi" if energy or timing fluctuate from shot to shot, also if only in the mean of its pulses by more
     than a tenth of a bound, or if the footprint of any shot spreads its echo by more than a tenth of the response. Without
-    true scene, amplitude or background it is "none", with scales from the declared rig.
+    true scene, amplitude or background it is "none", with scales from the declared rig; so it is for shots with outgoing
+    pulses of their own, which no scene holds. Records start at `time` + `start`; samples that are not sound carry no
+    information.
 
     Raises InputError for an invalid true scene, or for a declared rig that lacks a required value.
     """
-    if not bounded(capture, "truth_amplitude", "truth_background"):
+    if "pulse" in capture or not bounded(capture, "truth_amplitude", "truth_background"):
         return unbounded(capture, lambda rig: _declared_scales(capture, rig))
     scene = true_scene(capture)
     rig = waveform_rig(scene)
@@ -78,22 +79,31 @@ def waveform_bound(capture: xr.Dataset) -> Bound:
     step = rig.record.step_s
     table = tabulate(pulse, waveforms.RectangularGate(step, 1.0), _RTOL)
     half = C_M_PER_S / (2.0 * group_index(scene.medium, rig.laser.wavelength_m))
-    time = np.asarray(capture["time"].values, np.float64) - float(json.loads(capture.attrs["rig"])["t0_s"]) + rig.t0_s
+    time = true_time(capture, "time", rig.t0_s)
     scale = half * response_std_s([table])
     window = half * (float(time[-1] - time[0]) + step)
     truth = np.asarray(capture["truth_range"].values, np.float64)
     amplitude = np.asarray(capture["truth_amplitude"].values, np.float64)[:, None]
     background = np.asarray(capture["truth_background"].values, np.float64).reshape(truth.size, -1)
-    u = (truth / half + delay)[:, None] - time + 0.5 * step
+    u = (truth / half + delay - record_start(capture))[:, None] - time + 0.5 * step
     seen = np.isfinite(u)
     share, slope = _share(table, np.where(seen, u, 0.0))
     mean = np.maximum(amplitude * share + background, 0.0)
     gradient = np.stack([amplitude * slope / half, share, np.ones_like(share)])
-    sigma = profiled_sigma(_information(rig, mean), gradient)
-    sigma = np.where(seen.all(axis=1), sigma, np.nan)
+    information = _information(rig, mean)
+    if "valid_sample" in capture:
+        information = information * np.asarray(capture["valid_sample"].values, bool)
+    sigma = np.where(seen.all(axis=1), profiled_sigma(information, gradient), np.nan)
     drawn = max(rig.laser.energy_fluctuation, rig.laser.jitter_shot_s) > 0 or moves(half * shared_jitter_s(rig), sigma)
     kind = "quasi" if drawn or _is_wide(scene, rig, scale / half) else "exact"
     return Bound(sigma, kind, scale, window)
+
+
+def record_start(capture: xr.Dataset) -> Float:
+    """Start of every record, added to `time` (shot), s."""
+    if "start" in capture.variables:
+        return np.asarray(capture["start"].values, np.float64)
+    return np.zeros(capture.sizes["shot"])
 
 
 def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:
@@ -103,12 +113,12 @@ def _is_wide(scene: Scene, rig: WaveformRig, response_s: float) -> bool:
     return is_wide(footprint_std_s(scene, rig.laser.illumination, rig.laser.wavelength_m, field, angle), response_s)
 
 
-def _declared_scales(capture: xr.Dataset, rig: dict[str, Any]) -> tuple[float, float]:
+def _declared_scales(capture: xr.Dataset, rig: DeclaredRig) -> tuple[float, float]:
     """(scale, window) of the declared response, averaged over one sampling interval."""
-    half = C_M_PER_S / (2.0 * float(rig["medium"]["group_index"]))
-    step = float(rig["record"]["step_s"])
+    half = C_M_PER_S / (2.0 * rig.number("medium.group_index", above=0))
     time = np.asarray(capture["time"].values, np.float64)
-    scale = half * math.sqrt(samples_variance_s2(rig["response"]) + step**2 / 12.0)
+    step = float(np.diff(time).mean()) if time.size > 1 else rig.number("record.step_s", above=0)
+    scale = half * math.sqrt(samples_variance_s2(rig.samples("response")) + step**2 / 12.0)
     return scale, half * (float(time[-1] - time[0]) + step)
 
 

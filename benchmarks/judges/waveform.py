@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ...estimators.calibration.response import pulse_from_trace
 from ...scenes.rigs.waveform import shown_pulse, waveform_rig
 from ...scenes.scene import Scene
 from ..bounds.waveform import waveform_bound
 from ..bounds.waveform_scan import waveform_scan
+from ..scores.truth import Truth
 from ..suites.spec import Calibration
 from .judge import Draw, Judge
 from .ranges import range_truth
@@ -31,8 +34,20 @@ def _calibrated(scene: Scene, rig: dict[str, Any], calibration: Calibration, dra
     return rig
 
 
+def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
+    """The true range, m; a shot of several returns (`truth_returns`) has as many true values, the nearest of which counts."""
+    plain = range_truth(capture)
+    if "truth_returns" not in capture:
+        return plain
+    first = plain["range"].value
+    returns = np.asarray(capture["truth_returns"].values, np.float64)
+    others = tuple(np.where(np.isfinite(one), one, first) for one in returns.T)
+    several = np.isfinite(first) & np.any([one != first for one in others], axis=0)
+    return {"range": Truth(first, several, (first, *others))}
+
+
 JUDGE = Judge(
-    truth=range_truth,
+    truth=_truth,
     bound=lambda capture: {"range": waveform_bound(capture)},
     scan=waveform_scan,
     calibrate=_calibrated,

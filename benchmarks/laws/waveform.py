@@ -19,8 +19,8 @@ __all__ = ["LAWS", "clean_capture", "counted_capture"]
 
 _SHOTS = 48
 _ELECTRONS, _BACKGROUND = 4000.0, 4.0
-#: A whole cycle of a counter at 1 GHz, so that its steps stay where they are.
-_DELAY_S = 1e-9
+#: Later samples, and later starts of all records: whole cycles of a counter at 1 GHz, so that its steps stay where they are.
+_DELAY_S, _START_S = 1e-9, 2e-9
 
 
 def clean_capture(seed: int = 1) -> xr.Dataset:
@@ -53,7 +53,10 @@ def _step(capture: xr.Dataset) -> float:
 
 def _later(capture: xr.Dataset) -> tuple[xr.Dataset, float]:
     time = capture["time"]
-    return capture.assign_coords(time=(time + _DELAY_S).assign_attrs(time.attrs)), _DELAY_S * _half(capture)
+    attrs = {"units": "s", "long_name": "start of the shot's record: added to `time`"}
+    start = ("shot", np.full(capture.sizes["shot"], _START_S), attrs)
+    moved = capture.assign_coords(time=(time + _DELAY_S).assign_attrs(time.attrs), start=start)
+    return moved, (_DELAY_S + _START_S) * _half(capture)
 
 
 def _converter(rig: dict[str, Any]) -> dict[str, Any] | None:

@@ -100,9 +100,9 @@ class MitransientDirect:
         self.rows, self.cols = rig.camera.rows, rig.camera.cols
         per_second = C_M_PER_S / group_index(scene.medium, rig.laser.wavelength_m)
         table = gate_tables(scene)[0]
-        delays = rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count) + rig.t0_s
-        first = delays[0] + table.start_s
-        last = delays[-1] + table.start_s + table.step_s * (len(table.value) - 1)
+        delays = rig.delays.settings_s + rig.t0_s
+        first = delays.min() + table.start_s
+        last = delays.max() + table.start_s + table.step_s * (len(table.value) - 1)
         self.bins = int(np.ceil((last - first) / bin_s))
         centre = first + bin_s * (np.arange(self.bins) + 0.5)
         self.gates = lookup(table, centre[:, None] - delays[None, :]).astype(np.float32)
@@ -198,7 +198,7 @@ def exact_reference(peer: MitransientDirect, scene: Scene, samples: int, seed: i
     rig = gated_rig(scene)
     laser, gate = rig.laser, rig.gates[0]
     assert laser.pulse.kind == "gaussian" and gate.kind == "rectangular"
-    delays = rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count) + rig.t0_s
+    delays = rig.delays.settings_s + rig.t0_s
     wide = laser.pulse.fwhm_s / FWHM_PER_SIGMA * np.sqrt(2)
     per_second = C_M_PER_S / group_index(scene.medium, laser.wavelength_m)
     pixels = peer.rows * peer.cols

@@ -71,6 +71,8 @@ def _distance(scene: Scene, level: float) -> Overrides:
 def _delay_step(scene: Scene, level: float) -> Overrides:
     """Multiply the step by `level`, over the same span."""
     steps = steps_of(scene, "sampling")
+    if held(scene, steps.step) is None or held(scene, steps.count) is None:
+        raise DoesNotApply(f"scenes with even samples in time ({steps.step})")
     number = 1 + int((held(scene, steps.count) - 1) / level + 1e-9)
     return {steps.step: held(scene, steps.step) * level, steps.count: max(steps.least, number)}
 

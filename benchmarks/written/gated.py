@@ -42,7 +42,7 @@ def written_capture(
     shape = (rig.camera.rows, rig.camera.cols)
     number = rig.delays.count
     count = number * len(rig.gates)
-    delay = np.tile(rig.delays.start_s + rig.delays.step_s * np.arange(number), len(rig.gates))
+    delay = np.tile(rig.delays.settings_s, len(rig.gates))
     plane = np.broadcast_to(np.asarray(range_m, np.float64), shape).copy()
     light = np.broadcast_to(np.asarray(amplitude, np.float64), shape).copy()
     counts = np.zeros((count, *shape), np.uint16)

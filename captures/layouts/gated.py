@@ -26,7 +26,7 @@ _GATED = (
     data("counts", "slice row col", COUNTS, "DN", "digital counts of the slices", channel=True),
     coord("delay", "slice", REAL, "s", "gate's opening half-height edge minus the pulse centroid, at the camera"),
     coord("gate", "slice", INT, "1", "index into the rig's gates"),
-    coord("pulses", "slice", INT, "1", "laser pulses accumulated in the slice"),
+    coord("pulses", "slice", INT, "1", "laser pulses accumulated in the slice; absent: equally many", required=False),
     coord("laser_on", "slice", BOOL, "1", "whether the laser fired"),
     *per_frame("slice"),
     truth("truth_range", "row col", REAL, "m", "radial range along the pixel-centre ray"),
@@ -61,6 +61,7 @@ _GATED = (
         truth(f"truth_{name}", "slice row col", MAP, "electron", f"expected light: {component}", required=False)
         for name, component in _LIGHT.items()
     ),
+    data("valid_sample", "slice row col", BOOL, "1", "whether the sample was recorded soundly", required=False),
     *camera_extras("slice row col"),
 )  # fmt: skip
 

@@ -11,7 +11,9 @@ import xarray as xr
 from ...optics.amcw import modulation_wavelength
 from ...optics.constants import C_M_PER_S
 from ...scenes.errors import InputError
+from ..declared import check_keys
 from ..rig import DeclaredRig, read_rig
+from .declared import AMCW_KEYS
 
 __all__ = ["AmcwSamples", "Phasors", "phasors", "read_samples"]
 
@@ -66,6 +68,7 @@ class Phasors:
 def read_samples(capture: xr.Dataset) -> AmcwSamples:
     """Read an AMCW capture. Raises InputError where the rig or the samples cannot be used."""
     rig = read_rig(capture, "amcw")
+    check_keys(rig, AMCW_KEYS)
     if "samples" not in capture or capture["samples"].dims != ("shot", "frequency", "phase"):
         raise InputError(
             "The capture has no samples of modulated light.", where="samples", value=tuple(capture.variables),

@@ -51,8 +51,11 @@ def printed_reflection(theta: Float, k_s: float, k_d: float, slope: float, diffu
 
 
 @kernel(error_model="numpy")
-def _moments(counts, slices, group, levels, noise, share, number, reads, t, reflection, threshold, tau, sigma, ok):  # type: ignore[no-untyped-def]
-    """Σ f⁻¹ w I t³ / Σ f⁻¹ w I t² with w = 1, the factor of Eq. 23 in every term as printed."""
+def _moments(  # type: ignore[no-untyped-def]
+    counts, slices, group, levels, noise, share, number, reads, t, wide, reflection, threshold, tau, sigma, ok
+):
+    """Σ f⁻¹ w I t³ / Σ f⁻¹ w I t² with w = 1 (for uneven delays half the distance of a delay's neighbours), the factor of
+    Eq. 23 in every term as printed."""
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
     excess, floor = noise
@@ -75,14 +78,14 @@ def _moments(counts, slices, group, levels, noise, share, number, reads, t, refl
                 for g in range(t.size):
                     v = y[c, g] * share[g]
                     if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
-                        up += factor * v * t[g] ** 3
-                        down += factor * v * t[g] ** 2
+                        up += factor * wide[g] * v * t[g] ** 3
+                        down += factor * wide[g] * v * t[g] ** 2
                 mean = up / down if down > 0 else np.nan
                 variance = 0.0
                 for g in range(t.size):
                     v = y[c, g] * share[g]
                     if threshold == 0.0 or v >= threshold * top:  # as printed: all, negative ones too
-                        lever = factor * t[g] ** 2 * (t[g] - mean) / down if down > 0 else np.nan
+                        lever = factor * wide[g] * t[g] ** 2 * (t[g] - mean) / down if down > 0 else np.nan
                         variance += lever * lever * (excess * max(v, 0.0) + floor * reads[g]) / number[g]
                 tau[row, col] = mean
                 sigma[row, col] = np.sqrt(variance)
@@ -97,7 +100,7 @@ def _average(stack: Stack, reflection: Float, threshold: float) -> tuple[Float, 
         _moments(
             stack.counts, stack.slices, stack.group, (rig.offset_dn, 1 / rig.dn_per_pe, rig.saturation_dn),
             (rig.excess, rig.floor_var), stack.frames / stack.exposure, stack.exposure, stack.reads,
-            stack.centroid_delay_s, reflection, threshold, tau, sigma, ok,
+            stack.centroid_delay_s, stack.widths(), reflection, threshold, tau, sigma, ok,
         )  # fmt: skip
     return tau, sigma, ok
 

@@ -38,7 +38,8 @@ def weighted_average(capture: xr.Dataset, *, background: _Background = "none") -
     """τ = Σ_k (t_k + ū)·y_k / Σ_k y_k, y = counts − offset − background, ū = ∫u·R du/∫R du of the declared samples.
 
     Slice k sees R(τ − t_k), so that the plain average over the slices is τ − ū; with ū added it is unbiased where the delays
-    cover R, are dense against its width, and no background is left.
+    cover R, are dense against its width, and no background is left. Uneven delays weigh y_k by half the distance of their
+    neighbours, so that the sums stay integrals over delay.
     Other arguments: background: "none" subtracts the declared offset of the detector only, so that a level B per slice
     pulls the answer to the centre of the window by (t̄−τ)·KB/(S+KB); "off-slices" subtracts the mean of the laser-off
     slices, "min" the least count of the pixel (which noise makes too low), "outside" the mean of the slices that lie
@@ -68,7 +69,8 @@ def weighted_average(capture: xr.Dataset, *, background: _Background = "none") -
     origin = float(centroid.min())
     unit = float((centroid[-1] - centroid[0]) / (centroid.size - 1)) if span is not None else stack.spacing_s()
     x = np.arange(stack.signal, dtype=np.float64) if span is not None else (centroid - origin) / unit
-    sums = (float(stack.signal), float(x.sum()), float((x * x).sum()))
+    wide = stack.widths()
+    sums = (float(wide.sum()), float((wide * x).sum()), float((wide * x * x).sum()))
     noise = (rig.offset_dn, 1 / rig.dn_per_pe, rig.excess, rig.floor_var, share, rig.saturation_dn)
     # A value that is the mean of some frames has a variance smaller by their number.
     scale = (factor * origin, factor * unit, float(x.max()), 1 / float(np.sqrt(stack.frames)))
@@ -77,7 +79,7 @@ def weighted_average(capture: xr.Dataset, *, background: _Background = "none") -
         flat = stack.counts.reshape(stack.counts.shape[0], -1)
         average_even(flat, *span, level, background == "min", sums, noise, scale, *target)
     else:
-        x, weight = x[group], stack.frames / stack.exposure[group]
+        x, weight = x[group], wide[group] * (stack.frames / stack.exposure[group])
         square = weight**2
         floors = (float(square.sum()), float((square * x).sum()), float((square * x * x).sum()))
         plan = (x, weight, (stack.count / stack.exposure)[group])

@@ -13,6 +13,7 @@ from ...scenes.errors import InputError
 from ..registry import estimator
 from ..result import range_result
 from .background import Background, background_level, least_snr
+from .per_pulse import per_pulse
 from .record import WaveformRecord, read_record
 
 __all__ = ["waveform_average", "waveform_coates"]
@@ -51,7 +52,7 @@ def _centroid(
         clipped = (~record.good & (np.abs(record.time_s - (low + mean)[:, None]) < 3 * record.width_s)).any(axis=1)
         found = record.usable & (total > min_snr * spread) & (total > 0) & ~clipped
     tau = low + mean - record.centroid_s
-    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(record.range_m(tau), sigma * record.m_per_s, found)
 
 
 def _check(reach: float, where: str) -> None:
@@ -63,6 +64,7 @@ def _check(reach: float, where: str) -> None:
     "waveform",
     cites="Guo et al. 2017, Figure 7 (weighted average of a photodetector's pulse); Busck and Heiselberg 2004",
 )
+@per_pulse
 def waveform_average(
     capture: xr.Dataset,
     *,
@@ -92,6 +94,7 @@ def waveform_average(
     cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (recalled; correction of pile-up)",
     needs={"detector.readout.kind": "single-photon"},
 )
+@per_pulse
 def waveform_coates(
     capture: xr.Dataset, *, background: Background = "robust", reach: float = 3.0, min_snr: float | None = None
 ) -> xr.Dataset:

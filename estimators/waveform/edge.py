@@ -14,6 +14,7 @@ from ...scenes.errors import InputError
 from ..registry import estimator
 from ..result import range_result
 from .background import Background, background_level
+from .per_pulse import per_pulse
 from .record import WaveformRecord, read_record
 
 __all__ = ["edge_slope", "rise_lag", "waveform_counter", "waveform_leading_edge"]
@@ -93,6 +94,7 @@ def _edge(
     "waveform",
     cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (recalled; walk)",
 )
+@per_pulse
 def waveform_leading_edge(
     capture: xr.Dataset,
     *,
@@ -111,12 +113,13 @@ def waveform_leading_edge(
     """
     record = read_record(capture)
     tau, sigma, found = _edge(record, threshold_sigma, walk, background, "waveform-leading-edge")
-    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(record.range_m(tau), sigma * record.m_per_s, found)
 
 
 @estimator(
     "waveform", cites="Kusters 1992, Figure 2.2 and Eq. 2.3 (cycles of an oscillator, counted while the pulse travels)"
 )
+@per_pulse
 def waveform_counter(
     capture: xr.Dataset,
     *,
@@ -139,7 +142,7 @@ def waveform_counter(
             next_step="waveform-counter[counter_hz=1e9], or set rig.counter_hz of the scene",
         )  # fmt: skip
     tau, sigma, found = _edge(record, threshold_sigma, walk, background, "waveform-counter")
-    cycles = count_cycles(tau, hertz)
+    cycles = count_cycles(tau + record.start_s, hertz)
     distance = pulse_distance_eq23((cycles + 0.5) / hertz, 2.0 * record.m_per_s)
     sigma = np.sqrt(sigma**2 + 1.0 / (12.0 * hertz**2))
     return range_result(distance, sigma * record.m_per_s, found & (cycles >= 0))

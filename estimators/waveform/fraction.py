@@ -11,6 +11,7 @@ from ..registry import estimator
 from ..result import range_result
 from .background import Background, background_level, least_snr
 from .edge import edge_slope, rise_lag
+from .per_pulse import per_pulse
 from .record import WaveformRecord, read_record
 
 __all__ = ["waveform_constant_fraction", "waveform_first_return"]
@@ -20,6 +21,7 @@ Index = npt.NDArray[np.intp]
 
 
 @estimator("waveform", cites="Gedcke and McDonald, Nucl. Instrum. Methods 55:377, 1967 (constant fraction)")
+@per_pulse
 def waveform_constant_fraction(
     capture: xr.Dataset,
     *,
@@ -49,6 +51,7 @@ def waveform_constant_fraction(
 @estimator(
     "waveform", cites="Wagner et al., ISPRS J. Photogramm. 60:100, 2006 (first return; constant fraction of its height)"
 )
+@per_pulse
 def waveform_first_return(
     capture: xr.Dataset,
     *,
@@ -126,7 +129,7 @@ def _timed(
         # The slope comes from the response: between two noisy samples it is steepest where noise helps.
         sigma = np.sqrt(own + shift) / ((peak - level_e) * edge_slope(record, np.asarray(fraction), length))
     tau = record.time_s[at] + record.step_s * f - rise_lag(record, np.asarray(fraction), length)
-    return range_result(tau * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(record.range_m(tau), sigma * record.m_per_s, found)
 
 
 def _moving_mean(z: Float, length: int) -> Float:

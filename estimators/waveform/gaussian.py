@@ -10,6 +10,7 @@ from ..fit import scoring
 from ..registry import estimator
 from ..result import range_result
 from .background import least_snr
+from .per_pulse import per_pulse
 from .record import read_record
 from .start import even_weights, grid_start
 
@@ -19,6 +20,7 @@ Float = npt.NDArray[np.float64]
 
 
 @estimator("waveform", cites="Wagner et al., ISPRS J. Photogramm. 60:100, 2006 (Gaussian decomposition)")
+@per_pulse
 def waveform_gaussian(capture: xr.Dataset, *, min_snr: float | None = None) -> xr.Dataset:
     """Least squares of A exp(−(t − t₀)²/2s²) + B over (t₀, s, A, B); τ = t₀ − lag of the centroid of the response.
 
@@ -49,4 +51,4 @@ def waveform_gaussian(capture: xr.Dataset, *, min_snr: float | None = None) -> x
     with np.errstate(invalid="ignore"):
         found = record.usable & fit.settled & (height > least * sigma_height) & (sigma < width)
         found &= (t0 > first) & (t0 < last)
-    return range_result((t0 - record.centroid_s) * record.m_per_s, sigma * record.m_per_s, found)
+    return range_result(record.range_m(t0 - record.centroid_s), sigma * record.m_per_s, found)

@@ -9,6 +9,7 @@ from ..fit import Fit
 from ..registry import estimator
 from ..result import range_result
 from .background import least_snr
+from .per_pulse import per_pulse
 from .record import WaveformRecord, read_record
 from .start import even_weights, fit_echo, likelihood_weights
 
@@ -23,13 +24,14 @@ def _answer(record: WaveformRecord, fit: Fit, min_snr: float | None, where: str)
     with np.errstate(invalid="ignore"):
         found = record.usable & fit.settled & (height > least * sigma_height) & (sigma_tau < record.width_s)
         found &= (tau > low) & (tau < high)
-    return range_result(tau * record.m_per_s, sigma_tau * record.m_per_s, found)
+    return range_result(record.range_m(tau), sigma_tau * record.m_per_s, found)
 
 
 @estimator(
     "waveform",
     cites="Fisher scoring: Osborne, Int. Stat. Rev. 60:99, 1992; read noise: Snyder et al., JOSA A 12:272, 1995",
 )
+@per_pulse
 def waveform_ml(capture: xr.Dataset, *, min_snr: float | None = None) -> xr.Dataset:
     """Maximum likelihood of μ_k = A R(τ − t_k) + B over (τ, A, B), R from the samples of the declared response.
 
@@ -45,6 +47,7 @@ def waveform_ml(capture: xr.Dataset, *, min_snr: float | None = None) -> xr.Data
 
 
 @estimator("waveform", cites="Turin, IRE Trans. Inf. Theory 6:311, 1960 (matched filter)")
+@per_pulse
 def waveform_matched(capture: xr.Dataset, *, min_snr: float | None = None) -> xr.Dataset:
     """Matched filter: the τ that maximises the correlation of the samples with R(τ − t_k), background projected out.
 

@@ -13,6 +13,7 @@ from ..fit import Fit, Weigh, scoring
 from ..registry import estimator
 from ..result import range_result
 from .background import least_snr
+from .per_pulse import per_pulse
 from .record import WaveformRecord, read_record
 from .start import fit_echo, likelihood_weights
 
@@ -26,6 +27,7 @@ _LEAST_AMPLITUDE = 3.0
 
 
 @estimator("waveform", cites="Hernandez-Marin, Wallace and Gibson, IEEE Trans. PAMI 29(12):2170, 2007 (recalled)")
+@per_pulse
 def waveform_several_returns(
     capture: xr.Dataset,
     *,
@@ -65,12 +67,12 @@ def waveform_several_returns(
         at = np.zeros(len(tau), np.intp) if pick == "first" else np.maximum(known.sum(axis=1) - 1, 0)
     rows = np.arange(len(tau))
     result = range_result(
-        tau[rows, at] * record.m_per_s, tau_sigma[rows, at] * record.m_per_s, record.usable & good[rows, at]
+        record.range_m(tau[rows, at]), tau_sigma[rows, at] * record.m_per_s, record.usable & good[rows, at]
     )
     shown = result["valid"].values[:, None] & good
     for name, values in (("return_range", tau), ("return_sigma", tau_sigma)):
         long_name = "radial range of each return" if name == "return_range" else "standard error of return_range"
-        data = np.where(shown, values * record.m_per_s, np.nan)
+        data = np.where(shown, record.range_m(values) if name == "return_range" else values * record.m_per_s, np.nan)
         result[name] = (("shot", "return"), data, {"units": "m", "long_name": long_name})
     return result
 
@@ -148,9 +150,8 @@ def _next(record: WaveformRecord, weigh: Weigh, theta: Float, rows: Index) -> Fl
 def _fit_all(record: WaveformRecord, weigh: Weigh, start: Float, rows: Index) -> Fit:
     """Scoring of all echoes together. It works on the given shots only: their indices are passed on to the weights."""
     low_s, high_s = record.window_s
-    floor = -0.5 * record.floor_var / record.excess if record.floor_var > 0 else 1e-9
     echoes = (start.shape[1] - 1) // 2
-    low = np.tile([floor, *[low_s - record.width_s, 0.0] * echoes], (len(start), 1))
+    low = np.tile([record.least_mean, *[low_s - record.width_s, 0.0] * echoes], (len(start), 1))
     high = np.tile([np.inf, *[high_s + record.width_s, np.inf] * echoes], (len(start), 1))
     reach = np.array([np.inf, *[0.7 * record.width_s, np.inf] * echoes])
     judged = tuple(range(1, start.shape[1], 2))

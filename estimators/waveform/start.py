@@ -54,7 +54,8 @@ def likelihood_weights(record: WaveformRecord) -> Weigh:
     """Weights of the likelihood.
 
     Analog samples: the shifted Poisson distribution y + s ~ Poisson(μ/F² + s), y = z/F², s = σ²/F⁴, which matches mean
-    and variance (Snyder et al. 1995). Single-photon counts: n ~ Binomial(live, 1 − e^(−μ/M)), exact.
+    and variance (Snyder et al. 1995); a normal distribution where light adds no noise. Single-photon counts:
+    n ~ Binomial(live, 1 − e^(−μ/M)), exact.
     """
     if record.live is not None:
         live_all, pulses = record.live, record.pulses
@@ -72,6 +73,8 @@ def likelihood_weights(record: WaveformRecord) -> Weigh:
             return objective, w, e, v
 
         return count
+    if record.excess == 0:
+        return even_weights(record)
     f2 = record.excess
     shift = record.floor_var / f2**2
 
@@ -90,10 +93,8 @@ def fit_echo(record: WaveformRecord, weigh: Weigh) -> Fit:
     """(τ, A, B) of μ_k = A R(τ − t_k) + B for every shot, from `grid_start`."""
     start = grid_start(record)
     shots = len(start)
-    # Without read noise no mean is below zero; with it the mean of the shifted Poisson distribution stays positive.
-    floor = -0.5 * record.floor_var / record.excess if record.floor_var > 0 else _LEAST
     low_s, high_s = record.window_s
-    low = np.tile([low_s - record.width_s, 0.0, floor], (shots, 1))
+    low = np.tile([low_s - record.width_s, 0.0, record.least_mean], (shots, 1))
     high = np.tile([high_s + record.width_s, np.inf, np.inf], (shots, 1))
 
     def model(theta: Float, rows: Rows) -> tuple[Float, Float]:

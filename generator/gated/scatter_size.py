@@ -69,7 +69,7 @@ def backscatter_size(scene: Scene, phase: PhaseFunction, range_m: float, amplitu
     rig = gated_rig(scene)
     middle = replace(view_of(scene), camera=rig.camera.model_copy(update={"rows": 1, "cols": 1}))
     tables = gate_tables(scene)
-    ramp = rig.t0_s + rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count)
+    ramp = rig.delays.after(rig.t0_s)
     delay = np.tile(ramp, len(tables))
     gate = np.repeat(np.arange(len(tables), dtype=np.int32), len(ramp))
     veil = backscatter_electrons(

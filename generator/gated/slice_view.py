@@ -39,7 +39,7 @@ def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Flo
     `weight` is the largest V within half a σ (and a gate's delays over the image), and no less than a tenth.
     """
     rig = gated_rig(scene)
-    delays = rig.t0_s + rig.delays.start_s + rig.delays.step_s * np.arange(rig.delays.count)
+    delays = rig.delays.after(rig.t0_s)
     offset = gate_offset(scene)
     late = np.zeros(1) if offset is None else offset
     delays = delays + 0.5 * (late.min() + late.max())

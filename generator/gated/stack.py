@@ -24,7 +24,7 @@ def slice_coordinates(scene: Scene) -> dict[str, Any]:
     """Per-slice coordinates; `setting` is what the delay generator was set to, `actual` the optical delay."""
     rig = gated_rig(scene)
     spec = rig.delays
-    ramp = np.repeat(spec.start_s + spec.step_s * np.arange(spec.count), spec.repeats)
+    ramp = np.repeat(spec.settings_s, spec.repeats)
     gates = len(rig.gates)
     lit = np.tile(ramp, gates)
     gate = np.repeat(np.arange(gates), len(ramp))

@@ -21,17 +21,17 @@ from ..quantities import (
     OptionalTime,
     Place,
     Rate,
-    StepTime,
     Velocity,
 )
 from ..sampling import MOST_SAMPLES, optics_gate, optics_pulse, rounded, sample_step_s
 from ..waveforms import Gate, Pulse
 from .declaring import as_declared
+from .delays import Delays, ListedDelays, SliceDelays
 from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
 from .parts import Camera, Detector, Illumination
 from .roles import Steps
 
-__all__ = ["KIND", "Delays", "GateMap", "GatedRig", "Laser", "Screen", "gated_rig"]
+__all__ = ["KIND", "Delays", "GateMap", "GatedRig", "Laser", "ListedDelays", "Screen", "gated_rig"]
 
 #: Samples per characteristic width of the pulse or gate edge in the declared rig.
 _SAMPLES_PER_WIDTH = 48
@@ -73,16 +73,6 @@ class GateMap(Spec):
     skew_s: tuple[MomentTime, MomentTime]
 
 
-class Delays(Spec):
-    """Delays of the slices as set on the delay generator: start + step·k, each `repeats` times, then laser-off slices."""
-
-    start_s: MomentTime
-    step_s: StepTime
-    count: Annotated[int, Field(ge=1, le=65536)]
-    repeats: Annotated[int, Field(ge=1, le=65536)] = 1
-    laser_off: Annotated[int, Field(ge=0, le=65536)] = 0
-
-
 class Screen(Spec):
     """A second surface in every pixel: a plane across the view at z = `distance_m` with holes too small to be resolved (a
     net, bubbles, a dirty port). The share `coverage` of each pixel sees Lambert matter of `albedo`, the rest sees past it."""
@@ -109,7 +99,7 @@ class GatedRig(RigSpec):
     laser: Laser
     gates: Annotated[tuple[Gate, ...], Field(min_length=1)]
     gate_map: GateMap | None = None
-    delays: Delays
+    delays: SliceDelays
     pulses_per_slice: Annotated[int, Field(ge=1, le=10**12)]
     detector: Detector
     ambient_e_per_s: Rate = 0.0
@@ -205,7 +195,7 @@ def _check_gates(scene: RigScene, rig: GatedRig) -> None:
 def _check_period(scene: RigScene, rig: GatedRig) -> None:
     """Refuse delays beyond the next pulse: the gate would see the echo of a later pulse too, and none is modelled."""
     period = rig.detector.exposure_s / rig.pulses_per_slice
-    latest = rig.delays.start_s + rig.delays.step_s * (rig.delays.count - 1)
+    latest = rig.delays.latest_s
     if latest >= period:
         raise InputError(
             "A gate opens after the next pulse has left: it sees the echoes of several pulses (range ambiguity), and one is "

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ...response import Response
 from .stack import Stack
 
 __all__ = ["EvenDesign", "even_design_of"]
@@ -60,6 +61,15 @@ class EvenDesign:
     step_s: float
 
 
+def _curvature(
+    response: Response, u: Float, value: Float, step: float, width: float
+) -> tuple[Float, npt.NDArray[np.bool_]]:
+    """(`bend` of a design, where R or its curvature is above 1e-6 of the peak) at u steps, where R is `value`."""
+    half = 0.5 * width
+    sides = np.asarray(sum(response(np.asarray((u + side) * step, dtype=np.float64))[0] for side in (-half, half)))
+    return sides - 2 * value, np.maximum(value, sides) > 1e-6 * response.peak
+
+
 def _build(stack: Stack) -> EvenDesign | None:
     n = stack.signal
     if n < 4 or n != stack.groups or np.unique(stack.gate).size > 1:
@@ -86,9 +96,7 @@ def _build(stack: Stack) -> EvenDesign | None:
     u = xi + np.arange(rows)[:, None] / phases - np.arange(slices)
     value, slope, _bend = response(np.asarray(u * step, dtype=np.float64))
     table = np.stack([value, slope * step / phases], axis=1) * stack.exposure[0]
-    half = 0.5 * width
-    sides = sum(response(np.asarray((u + side) * step, dtype=np.float64))[0] for side in (-half, half))
-    bend = (sides - 2 * value) * stack.exposure[0]
+    bend, reached = _curvature(response, u, value, step, width)
 
     fine = np.arange(first, n - 1 + last, 1 / phases)
     light = np.zeros(fine.size)
@@ -107,8 +115,8 @@ def _build(stack: Stack) -> EvenDesign | None:
     mask[pad : pad + n] = 1
     return EvenDesign(
         table=table.astype(np.float32),
-        bend=np.asarray(bend, dtype=np.float32),
-        held=(np.maximum(value, sides) > 1e-6 * response.peak).astype(np.float32),
+        bend=np.asarray(bend * stack.exposure[0], dtype=np.float32),
+        held=reached.astype(np.float32),
         phases=phases,
         xi=float(xi),
         mask=mask.astype(np.float32),

@@ -16,7 +16,7 @@ import xarray as xr
 
 from ....optics.jit import kernel
 from ....scenes.errors import InputError
-from .instrument import Instrument, instrument_of
+from .instrument import READ_NOISE, Dark, Instrument, instrument_of
 
 __all__ = ["Stack", "load_row", "read_stack"]
 
@@ -66,6 +66,16 @@ class Stack:
         shift = np.array([r.centroid_s for r in self.instrument.responses])
         return np.asarray(self.delay_s[: self.signal] + shift[self.gate[: self.signal]])
 
+    def widths(self) -> Float:
+        """Part of the span of delays that every signal group stands for (signal), relative to their mean: half the distance of
+        its neighbours, at an end the distance of the only one. 1 for even delays, and for slices of several gates."""
+        delay, gate = self.delay_s[: self.signal], self.gate[: self.signal]
+        gaps = np.diff(delay)
+        if gaps.size < 2 or (gate != gate[0]).any() or np.ptp(gaps) <= 1e-6 * gaps.mean():
+            return np.ones(self.signal)
+        wide = 0.5 * (np.concatenate([gaps[:1], gaps]) + np.concatenate([gaps, gaps[-1:]]))
+        return np.asarray(wide / wide.mean())
+
     def spacing_s(self) -> float:
         """Median spacing of the delays; the standard deviation of R where there is only one delay."""
         gaps = np.diff(np.unique(self.delay_s[: self.signal]))
@@ -82,9 +92,9 @@ def read_stack(capture: xr.Dataset) -> Stack:
         raise InputError(
             "The capture has no stack of slices.", where="counts", value=found, allowed="dims (slice, row, col)"
         )
-    instrument = instrument_of(capture)
-    counts = variables["counts"].values
+    counts = _marked(variables)
     total = counts.shape[0]
+    instrument = instrument_of(capture)
     if counts.shape[1:] != (instrument.rows, instrument.cols):
         raise InputError(
             "The size of the stack differs from that of the declared camera.",
@@ -108,16 +118,48 @@ def read_stack(capture: xr.Dataset) -> Stack:
 
     delay = per_slice("delay", None).astype(np.float64)
     gate = per_slice("gate", 0).astype(np.int64)
-    pulses = per_slice("pulses", instrument.pulses_per_slice).astype(np.float64) / instrument.pulses_per_slice
+    pulses = per_slice("pulses", -1).astype(np.float64)
+    if instrument.rig.unknown("pulses_per_slice"):
+        nominal = max(float(pulses.max(initial=0.0)), 1.0)
+    else:
+        nominal = instrument.pulses_per_slice
+    pulses = np.where(pulses < 0, nominal, pulses) / nominal
     laser = per_slice("laser_on", True).astype(bool)
     valid = per_slice("valid", True).astype(bool)
     frames = float(capture.attrs.get("averaged", 1) or 1)
+    if instrument.rig.unknown(READ_NOISE):
+        instrument = instrument_of(capture, _dark(counts[valid & ~laser], frames))
     key = (instrument.key, frames, *(part.tobytes() for part in (delay, gate, pulses, laser, valid)))
     if key not in _plans:
         _plans[key] = _plan(instrument, delay, gate, pulses, laser, valid, frames, key)
         while len(_plans) > 8:
             _plans.popitem(last=False)
     return replace(_plans[key], counts=_without_dead(counts, instrument.dead_dn))
+
+
+def _dark(counts: npt.NDArray[Any], frames: float) -> Dark | None:
+    """Mean and variance of one frame of slices (slice, row, col) without laser light, over the pixels that are finite in all of
+    them; the variance is that over slices, which a fixed pattern does not raise. None for fewer than two slices."""
+    if len(counts) < 2:
+        return None
+    held = counts.astype(np.float64)
+    sound = np.isfinite(held).all(axis=0)
+    if not sound.any():
+        return None
+    return Dark(float(held[:, sound].mean()), frames * float(held[:, sound].var(axis=0, ddof=1).mean()))
+
+
+def _marked(variables: Any) -> npt.NDArray[Any]:
+    """The counts, with NaN (float32) for samples that the capture marks as unsound, where there are any."""
+    counts: npt.NDArray[Any] = variables["counts"].values
+    if "valid_sample" not in variables or (sound := np.asarray(variables["valid_sample"].values, bool)).all():
+        return counts
+    if sound.shape != counts.shape:
+        raise InputError(
+            "The marks of the samples do not fit the counts.", where="valid_sample", value=sound.shape,
+            allowed=str(counts.shape),
+        )  # fmt: skip
+    return np.where(sound, counts.astype(np.float32), np.float32(np.nan))
 
 
 def _without_dead(counts: npt.NDArray[Any], dead_dn: float) -> npt.NDArray[Any]:
