@@ -70,6 +70,13 @@ def _curvature(
     return sides - 2 * value, np.maximum(value, sides) > 1e-6 * response.peak
 
 
+def _span(template: Float) -> npt.NDArray[np.int64]:
+    """First and last + 1 slice of every candidate (row) that is above 1e-3 of the peak, or that candidate's own peak."""
+    seen = template > 1e-3 * template.max()
+    seen[np.arange(len(seen)), template.argmax(axis=1)] = True
+    return np.stack([seen.argmax(axis=1), seen.shape[1] - seen[:, ::-1].argmax(axis=1)], axis=1).astype(np.int64)
+
+
 def _build(stack: Stack) -> EvenDesign | None:
     n = stack.signal
     if n < 4 or n != stack.groups or np.unique(stack.gate).size > 1:
@@ -105,9 +112,7 @@ def _build(stack: Stack) -> EvenDesign | None:
     inside = fine[light >= 0.25 * light.max()]
     grid = np.arange(inside[0], inside[-1], 0.75 * width)
     template = response(np.asarray((grid[:, None] - np.arange(n)) * step, dtype=np.float64))[0] * stack.exposure[0]
-    seen = template > 1e-3 * template.max()
-    seen[np.arange(grid.size), template.argmax(axis=1)] = True
-    span = np.stack([seen.argmax(axis=1), n - seen[:, ::-1].argmax(axis=1)], axis=1)
+    span = _span(template)
     mean = template.mean(axis=1)
     length = np.sqrt(np.maximum((template**2).sum(axis=1) - mean**2 * n, 0))
     pad = slices + SLACK
@@ -126,7 +131,7 @@ def _build(stack: Stack) -> EvenDesign | None:
         width=width,
         grid=grid,
         template=template.astype(np.float32),
-        span=span.astype(np.int64),
+        span=span,
         mean=mean.astype(np.float32),
         norm=(1 / np.maximum(length, 1e-3 * length.max())).astype(np.float32),
         origin_s=float(delay[0]),
