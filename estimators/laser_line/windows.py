@@ -1,0 +1,169 @@
+"""Reading the frames of a laser line: in every row the brightest pixel, and a window of photoelectrons around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ...optics.sheet import gaussian_mean
+from ..result import stage_result
+from ..rig import DeclaredRig, read_rig
+from .geometry import declared_geometry
+
+__all__ = ["Formula", "Windows", "answered", "line_windows", "with_locking"]
+
+Float = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+#: Windows (n, 2h + 1) above their background -> positions of the line from the middle pixel [px] (n), NaN where there is none.
+Formula = Callable[[Float], Float]
+
+#: Least and most half width of a window [px].
+_LEAST, _MOST = 3, 64
+#: Phases of the pixel over which a formula's error without noise is averaged.
+_PHASES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """The rows of all frames, n = frames · rows.
+
+    z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
+    level (n): the background, photoelectrons. floor_e2: variance of a pixel without light. sound (n): rows of usable frames
+    whose window lies within the image, holds no bad pixel, and whose peak is above `least_sigmas` of the noise.
+    """
+
+    z: Float
+    peak: npt.NDArray[np.int64]
+    level: Float
+    floor_e2: float
+    sound: Bool
+    shape: tuple[int, int]
+    rig: DeclaredRig
+
+    @property
+    def half(self) -> int:
+        """Pixels to either side of the brightest one."""
+        return self.z.shape[1] // 2
+
+    @property
+    def variance(self) -> Float:
+        """Variance of the pixels (n, 2h + 1), from their own counts."""
+        return np.asarray(np.maximum(self.z + self.level[:, None], 0.0) + self.floor_e2)
+
+    def width(self) -> Float:
+        """σ [px] (n) that the declared rig gives a line at these columns."""
+        return np.asarray(_declared_width(self.rig)[np.clip(self.peak, 0, None)])
+
+
+def line_windows(capture: xr.Dataset, *, half_window: int = 0, least_sigmas: float = 5.0) -> Windows:
+    """The windows of a capture.
+
+    Other arguments:
+        half_window: pixels to either side; 0 takes four standard deviations of the declared line and two pixels.
+        least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light.
+
+    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value.
+    """
+    rig = read_rig(capture, "laser_line")
+    converter = rig.converter("detector")
+    amplifier = rig.amplifier("detector.intensifier")
+    counts = np.asarray(capture["counts"].values, np.float64)
+    frames, rows, cols = counts.shape
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(counts) & (counts < converter.saturation_dn) & (counts > converter.dead_dn)
+        electrons = (counts - converter.offset_dn) / (converter.gain_dn_per_e * amplifier.gain)
+    good, electrons = good.reshape(-1, cols), electrons.reshape(-1, cols)
+    usable = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
+    half = half_window or _half_window(rig)
+    level = _medians(electrons, good)
+    peak = np.where(good, electrons, -np.inf).argmax(axis=1)
+    at = peak[:, None] + np.arange(-half, half + 1)
+    inside = np.clip(at, 0, cols - 1)
+    z = np.take_along_axis(electrons, inside, axis=1) - level[:, None]
+    sound = np.repeat(usable, rows) & (at >= 0).all(axis=1) & (at < cols).all(axis=1)
+    sound &= np.take_along_axis(good, inside, axis=1).all(axis=1) & np.isfinite(level)
+    floor = converter.floor_e2 / amplifier.gain**2
+    with np.errstate(invalid="ignore"):
+        sound &= z[:, half] > least_sigmas * np.sqrt(floor + np.maximum(level, 0.0))
+    z = np.where(sound[:, None], z, 0.0)
+    return Windows(z, peak, np.where(sound, level, 0.0), floor, sound, (frames, rows), rig)
+
+
+def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None = None) -> xr.Dataset:
+    """The result of the stage `line` with one return: position [px] from the peak (n) and its standard error [px] (n).
+
+    Invalid where the window is not sound, or where the answer left it.
+    """
+    with np.errstate(invalid="ignore"):
+        valid = windows.sound & (np.abs(position) <= windows.half)
+    if good is not None:
+        valid = valid & good
+    shape = (*windows.shape, 1)
+    return stage_result(
+        "line", column=(windows.peak + position).reshape(shape), sigma=sigma.reshape(shape), valid=valid.reshape(shape)
+    )
+
+
+def with_locking(windows: Windows, formula: Formula) -> xr.Dataset:
+    """The result of a formula without a model of the pixels.
+
+    Its standard error holds the noise, √Σ(∂c/∂z)²V by differences, and what the formula errs without any noise: the rms over
+    the phases of a pixel, of a line as wide as the rig declares ("pixel locking").
+    """
+    position = formula(windows.z)
+    variance = windows.variance
+    square = np.zeros(position.shape)
+    for k in range(windows.z.shape[1]):
+        step = np.sqrt(variance[:, k]) * 0.01
+        up, down = windows.z.copy(), windows.z.copy()
+        up[:, k] += step
+        down[:, k] -= step
+        change = (formula(up) - formula(down)) * 50.0
+        # A pixel at the threshold turns the difference over: its share is then that of a jump, which is no noise.
+        square += np.where(np.abs(change) < 1.0, change, 0.0) ** 2
+    return answered(windows, position, np.sqrt(square + _locking(windows, formula) ** 2))
+
+
+def _locking(windows: Windows, formula: Formula) -> Float:
+    """rms error [px] (n) of a formula without noise at the declared widths, from a table of widths."""
+    width = windows.width()
+    if not np.isfinite(width).any():
+        return np.zeros(width.shape)
+    table = np.geomspace(0.1, 10.0, 24)
+    x = np.arange(-windows.half, windows.half + 1, dtype=np.float64)
+    phase = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
+    rms = np.empty(table.size)
+    for i, s in enumerate(table):
+        line = gaussian_mean(x - 0.5 - phase[:, None], x + 0.5 - phase[:, None], s)
+        error = formula(line * 1e6) - phase
+        rms[i] = np.sqrt(np.nanmean(error**2)) if np.isfinite(error).any() else 0.5
+    return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(table), rms)
+
+
+def _medians(electrons: Float, good: Bool) -> Float:
+    """Median of the sound pixels of every row (n); NaN where there is none."""
+    if good.all():
+        return np.asarray(np.median(electrons, axis=1))
+    ordered = np.sort(np.where(good, electrons, np.inf), axis=1)
+    count = good.sum(axis=1)
+    row, least = np.arange(len(count)), np.maximum(count, 1)
+    middle = 0.5 * (ordered[row, (least - 1) // 2] + ordered[row, least // 2])
+    return np.asarray(np.where(count > 0, middle, np.nan))
+
+
+@lru_cache(maxsize=32)
+def _declared_width(rig: DeclaredRig) -> Float:
+    """σ [px] (col); columns that see no sheet have the median of the others."""
+    width = declared_geometry(rig).widths()
+    known = np.isfinite(width)
+    return np.where(known, width, np.median(width[known]) if known.any() else 1.0)
+
+
+def _half_window(rig: DeclaredRig) -> int:
+    return int(np.clip(np.ceil(4.0 * np.median(_declared_width(rig))) + 2, _LEAST, _MOST))
