@@ -51,11 +51,15 @@ def _declared(capture: xr.Dataset) -> dict[str, Any]:
     return rig
 
 
-def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[float, float]]) -> Bound:
+def unbounded(
+    capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[float, float]], *, truth: str = "truth_range"
+) -> Bound:
     """The `Bound` of a capture without one: kind "none", NaN for every element.
 
     Main arguments:
         scales: declared rig -> (scale, window) in the unit of the quantity.
+    Other arguments:
+        truth: variable that holds the truth of the quantity, whose shape the bound has.
 
     Raises InputError if the declared rig lacks a required value.
     """
@@ -73,7 +77,7 @@ def unbounded(capture: xr.Dataset, scales: Callable[[dict[str, Any]], tuple[floa
             "The declared rig has no scale of failure.", where="attribute rig", value=(scale, window),
             allowed="a response and a range window above 0 m",
         )  # fmt: skip
-    return Bound(np.full(capture["truth_range"].shape, np.nan), "none", scale, window)
+    return Bound(np.full(capture[truth].shape, np.nan), "none", scale, window)
 
 
 def response_std_s(tables: list[correlation.Table]) -> float:

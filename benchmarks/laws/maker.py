@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,8 @@ class Laws:
         later: capture -> (the capture moved in time or place, by how much the answer must change [unit of the first
             quantity of the stage]).
         step: capture -> change of the answer that belongs to one sample of the data [same unit].
+        steps: word of a stage that reads the results of another -> capture -> change of its answer that belongs to one sample
+            of the data. No law of shifts or of order is tried on such a stage.
         converter: declared rig -> the part of it, inside the same object, that holds `gain_dn_per_e`, `offset_dn` and
             `adc_bits`; None where the detector has no converter.
     """
@@ -48,6 +50,7 @@ class Laws:
     later: Callable[[xr.Dataset], tuple[xr.Dataset, float]]
     step: Callable[[xr.Dataset], float]
     converter: Callable[[dict[str, Any]], dict[str, Any] | None]
+    steps: Mapping[str, Callable[[xr.Dataset], float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Maker:
     """Captures for the laws of one stage, and its answers by element.
 
     Main arguments:
-        laws: of the modality. stage: of the estimator; it reads captures.
+        laws: of the modality. stage: of the estimator, which reads captures or is the last of a chain that does.
     Other arguments:
         unfit: capture -> reason why the estimator cannot read it, "" if it can.
 
@@ -94,7 +97,7 @@ class Maker:
     @property
     def step(self) -> float:
         """Change of the answer that belongs to one sample of the data."""
-        return self.laws.step(self._clean)
+        return self.laws.steps.get(self.stage.word, self.laws.step)(self._clean)
 
     @property
     def top(self) -> int:

@@ -67,9 +67,10 @@ def laws_for(maker: Maker) -> dict[str, Law]:
         "valid answers have a positive sigma": positive_sigma,
         "same answer twice": repeats,
         "leaves its input alone": leaves_input,
-        f"shift: {maker.laws.shift}": shift,
-        f"{noun}s do not depend on their order": permutation,
     }
+    if maker.stage.reads_captures:  # a later stage may know what the place of an element means, as a camera's rows do
+        laws[f"shift: {maker.laws.shift}"] = shift
+        laws[f"{noun}s do not depend on their order"] = permutation
     if maker.doubled() is not None:
         laws["gain: twice the gain and the counts, the same answer"] = gain
     for name, change in SINGULARITIES.items():
