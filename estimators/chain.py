@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ..captures.quantities import CAPTURE, Stage
 from ..scenes.errors import InputError
@@ -21,9 +21,26 @@ from .rig import read_rig
 if TYPE_CHECKING:
     import xarray as xr
 
-    from .registry import Estimator
-
 __all__ = ["chained_function", "check_chain", "is_built_in"]
+
+
+class Link(Protocol):
+    """What a chain needs to know of an estimator."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def stage(self) -> Stage:
+        """What it takes and gives."""
+        ...
+
+    @property
+    def function(self) -> Callable[..., xr.Dataset]:
+        """The algorithm."""
+        ...
 
 
 def is_built_in(name: str) -> bool:
@@ -31,13 +48,13 @@ def is_built_in(name: str) -> bool:
     return all(link in BUILTIN for link in links_of(name))
 
 
-def check_chain(links: Sequence[Estimator]) -> None:
+def check_chain(links: Sequence[Link]) -> None:
     """Refuse a chain whose first link reads no capture, or of which a link takes what no earlier one gives. Raises InputError."""
     label = LINK.join(link.name for link in links)
     given: set[str] = {CAPTURE}
     for number, link in enumerate(links):
         missing = [name for name in link.stage.takes if name not in given | {"rig"}]
-        if missing or (number > 0 and link.stage.reads_captures) or link.modality != links[0].modality:
+        if missing or (number > 0 and link.stage.reads_captures) or link.stage.modality != links[0].stage.modality:
             raise InputError(
                 f"The link {link.name} of a chain does not read what the links before it give.", where=label,
                 value=", ".join(link.stage.takes), allowed=", ".join(sorted(given | {"rig"})),
@@ -46,7 +63,7 @@ def check_chain(links: Sequence[Estimator]) -> None:
         given |= {quantity.name for quantity in link.stage.gives}
 
 
-def chained_function(links: Sequence[Estimator]) -> Callable[..., xr.Dataset]:
+def chained_function(links: Sequence[Link]) -> Callable[..., xr.Dataset]:
     """The links as one function of a capture, with the parameters of all; those that several links have keep their defaults."""
     owner: dict[str, list[int]] = {}
     parameters: dict[str, inspect.Parameter] = {}

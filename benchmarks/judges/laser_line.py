@@ -16,9 +16,7 @@ __all__ = ["JUDGE"]
 
 def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
     """The true column [px] and point [m]. Every lit surface of a row is a return of its own, the brightest first."""
-    return {
-        name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in ("column", "point")
-    }
+    return {name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in ("column", "point")}
 
 
 JUDGE = Judge(

@@ -147,7 +147,9 @@ def _another(chosen: Any, modality: str) -> str:
     stage = chosen.stage
     if stage.modality != modality:
         return f"reads {stage.modality} captures, not {modality}"
-    return "" if chosen.reads_captures else f"reads the results of another stage ({', '.join(stage.takes)}), no captures"
+    return (
+        "" if chosen.reads_captures else f"reads the results of another stage ({', '.join(stage.takes)}), no captures"
+    )
 
 
 def _home(label: str) -> str:

@@ -49,7 +49,10 @@ def line_centroid(capture: xr.Dataset, *, threshold: float = 0.3, least_sigmas: 
     return with_locking(windows, partial(_above, threshold=threshold))
 
 
-@estimator("line", cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (centre of mass, 3 to 7 pixels)")
+@estimator(
+    "line",
+    cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (centre of mass, 3 to 7 pixels)",
+)
 def line_window_centroid(capture: xr.Dataset, *, reach: int = 2, least_sigmas: float = 5.0) -> xr.Dataset:
     """c = Σ x z/Σ z over the 2·`reach` + 1 pixels around the brightest one, z above the row's background.
 

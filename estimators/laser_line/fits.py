@@ -13,7 +13,10 @@ from .windows import answered, line_windows
 __all__ = ["line_erf", "line_ml"]
 
 
-@estimator("line", cites="pixel-integrated Gaussian by least squares; cf. C. Steger et al., Machine Vision Algorithms, 2018, sec. 3.7")
+@estimator(
+    "line",
+    cites="C. Steger et al., Machine Vision Algorithms and Applications, 2018, sec. 3.7 (least squares)",
+)
 def line_erf(
     capture: xr.Dataset, *, width: Literal["fitted", "declared"] = "fitted", least_sigmas: float = 5.0
 ) -> xr.Dataset:
@@ -26,7 +29,9 @@ def line_erf(
     return _fitted(capture, width, least_sigmas, weighted=False)
 
 
-@estimator("line", cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-likelihood), on a pixel-integrated Gaussian")
+@estimator(
+    "line", cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-likelihood), on a pixel-integrated Gaussian"
+)
 def line_ml(
     capture: xr.Dataset, *, width: Literal["fitted", "declared"] = "fitted", least_sigmas: float = 5.0
 ) -> xr.Dataset:

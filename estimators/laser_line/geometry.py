@@ -42,7 +42,7 @@ class Geometry:
         col = np.arange(self.cols, dtype=np.float64)
         row = np.full(self.cols, 0.5 * (self.rows - 1))
         point = self.points(row, col)
-        origin, direction = self.camera.rays(row, col)
+        direction = self.camera.rays(row, col)[1]
         aside_origin, aside = self.camera.rays(row, col + 0.01)
         beside = meeting(aside_origin, aside, direction, point)
         per_px = np.abs(self.sheet.offset(beside)) / 0.01

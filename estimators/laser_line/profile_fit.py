@@ -2,7 +2,8 @@
 
     μ_j = B + A [Φ((j + ½ − c)/s) − Φ((j − ½ − c)/s)]
 
-with c, A, B and ln s free (or s held). Weighted, the weights are 1/(max(μ, 0) + v), v the variance without light: quasi-maximum
+with c, A, B and ln s free (or s held). A free ln s is expected within `SPREAD` of its first value, which settles it where the
+light is too weak to do so. Weighted, the weights are 1/(max(μ, 0) + v), v the variance without light: quasi-maximum
 likelihood (R. W. M. Wedderburn, Biometrika 61:439, 1974), as precise as maximum likelihood for Poisson light and read noise.
 """
 
@@ -15,10 +16,12 @@ import numpy.typing as npt
 
 from ...optics.jit import kernel
 
-__all__ = ["fit_profiles"]
+__all__ = ["SPREAD", "fit_profiles"]
 
 Float = npt.NDArray[np.float64]
 
+#: Standard deviation of ln s about what the rig declares: matter that is turned away widens or narrows the line.
+SPREAD = 0.5
 #: Widths outside of these [px] are no lines.
 _NARROW, _WIDE = 0.12, 40.0
 
@@ -35,7 +38,7 @@ def fit_profiles(
     out = np.empty((3, z.shape[0]))
     _fit(
         np.ascontiguousarray(z), np.maximum(level, 0.0) + floor_e2, np.clip(width, _NARROW, _WIDE), weighted, free_width,
-        steps, out,
+        1.0 / SPREAD**2, steps, out,
     )  # fmt: skip
     return out[0], out[1], out[2] > 0
 
@@ -87,7 +90,7 @@ def _solve(a, b, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fit(z, floor, width, weighted, free_width, steps, out):  # type: ignore[no-untyped-def]
+def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ignore[no-untyped-def]
     n, size = z.shape
     free = 4 if free_width else 3
     x = np.arange(size) - size // 2 + 0.0
@@ -113,6 +116,10 @@ def _fit(z, floor, width, weighted, free_width, steps, out):  # type: ignore[no-
         middle = size // 2
         p[0] = 0.5 * (z[i, middle + 1] - z[i, middle - 1]) / top
         damping = 1e-3
+        first = p[3]
+        held = prior if weighted else prior * floor[i]
+        if not free_width:
+            held = 0.0
         _model(p, x, mu, grad)
         done = False
         for _ in range(steps):
@@ -121,6 +128,7 @@ def _fit(z, floor, width, weighted, free_width, steps, out):  # type: ignore[no-
                 if weighted:
                     weight[j] = 1.0 / (max(mu[j], 0.0) + floor[i])
                 cost += weight[j] * (z[i, j] - mu[j]) ** 2
+            cost += held * (p[3] - first) ** 2
             for a in range(free):
                 step[a, 0] = 0.0
                 for j in range(size):
@@ -129,6 +137,9 @@ def _fit(z, floor, width, weighted, free_width, steps, out):  # type: ignore[no-
                     normal[a, b] = 0.0
                     for j in range(size):
                         normal[a, b] += weight[j] * grad[a, j] * grad[b, j]
+            if free == 4:
+                step[3, 0] -= held * (p[3] - first)
+                normal[3, 3] += held
             for a in range(free):
                 normal[a, a] *= 1.0 + damping
                 normal[a, a] += 1e-300
@@ -142,7 +153,8 @@ def _fit(z, floor, width, weighted, free_width, steps, out):  # type: ignore[no-
             new = 0.0
             for j in range(size):
                 new += weight[j] * (z[i, j] - trial[j]) ** 2
-            if new <= cost * (1.0 + 1e-12):
+            new += held * (q[3] - first) ** 2
+            if new <= cost * (1.0 + 1e-9):
                 moved = abs(q[0] - p[0])
                 for a in range(4):
                     p[a] = q[a]
@@ -166,6 +178,8 @@ def _fit(z, floor, width, weighted, free_width, steps, out):  # type: ignore[no-
                     w = 1.0 / (max(mu[j], 0.0) + floor[i]) if weighted else 1.0
                     normal[a, b] += w * grad[a, j] * grad[b, j]
                 step[a, b] = 1.0 if a == b else 0.0
+        if free == 4:
+            normal[3, 3] += held
         if not _solve(normal, step[:, :free], free):
             continue
         variance = 0.0

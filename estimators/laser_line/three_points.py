@@ -48,7 +48,9 @@ def line_parabola(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Datas
     return with_locking(line_windows(capture, least_sigmas=least_sigmas), _parabola)
 
 
-@estimator("line", cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (Gaussian approximation)")
+@estimator(
+    "line", cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (Gaussian approximation)"
+)
 def line_log_gaussian(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Dataset:
     """c = k + ½ (ln z₋ − ln z₊)/(ln z₋ − 2 ln z₀ + ln z₊), k the brightest pixel, z above the row's background.
 

@@ -49,7 +49,7 @@ class Windows:
     @property
     def half(self) -> int:
         """Pixels to either side of the brightest one."""
-        return self.z.shape[1] // 2
+        return int(self.z.shape[1]) // 2
 
     @property
     def variance(self) -> Float:

@@ -18,7 +18,7 @@ from .light import line_light, nodes_of
 from .setting import Pose, poses_of, setting_of
 from .truth import LineTruth, line_truth
 
-__all__ = ["FrameLight", "expect", "read"]
+__all__ = ["FrameLight", "dark_e", "expect", "read"]
 
 Float = NDArray[np.float64]
 

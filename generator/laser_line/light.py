@@ -2,7 +2,8 @@
 
 A pixel of a row is cut into segments along the row. On the tangent plane of what a segment's middle ray hits, the distance u from
 the sheet's middle plane runs from u_a to u_b, so that the segment's mean of g(u) is (Φ(u_b/σ) − Φ(u_a/σ))/(u_b − u_a): exact on
-flat surfaces however thin the sheet is. The lens's point spread, b px, widens it there: σ² + (b ∂u/∂col)². Segments and rows within a pixel are doubled until the image stays within the request.
+flat surfaces however thin the sheet is. The lens's point spread, b px, widens it there: σ² + (b ∂u/∂col)². Segments and rows within
+a pixel are doubled until the image stays within the request.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ class Lit:
 def nodes_of(setting: Setting, pose: Pose) -> Nodes:
     """The nodes of one frame."""
     rows, cols = setting.rig.camera.rows, setting.rig.camera.cols
-    col = 0.5 * np.arange(2 * cols + 1) - 0.5
+    col: Float = 0.5 * np.arange(2 * cols + 1, dtype=np.float64) - 0.5
     row, at = (part.ravel() for part in np.meshgrid(np.arange(rows, dtype=np.float64), col, indexing="ij"))
     seen = setting.see(row, at, pose, lit=False)
-    offset = np.where(seen.hit, setting.sheet.offset(seen.point), np.nan)
+    offset: Float = np.where(seen.hit, setting.sheet.offset(seen.point), np.nan)
     sigma = setting.sheet.sigma(setting.sheet.range(seen.point))
     return Nodes(col, offset.reshape(rows, -1), sigma.reshape(rows, -1))
 

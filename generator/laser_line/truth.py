@@ -80,9 +80,7 @@ def _roots(
     return col, good
 
 
-def _sorted(
-    rows: int, row: NDArray[np.intp], col: Float, point: Float, amplitude: Float, width: Float
-) -> LineTruth:
+def _sorted(rows: int, row: NDArray[np.intp], col: Float, point: Float, amplitude: Float, width: Float) -> LineTruth:
     order = np.lexsort((-amplitude, row))
     row = row[order]
     first = np.searchsorted(row, row)
