@@ -79,7 +79,8 @@ def distorted(x: Float, y: Float, k: Brown) -> tuple[Float, Float]:
 
 
 def undistorted(x_d: Float, y_d: Float, k: Brown, steps: int = 30) -> tuple[Float, Float]:
-    """Slopes (x, y) that `distorted` turns into (x_d, y_d), by Newton's method; NaN where it does not converge to 1e-13."""
+    """Slopes (x, y) that `distorted` turns into (x_d, y_d), by Newton's method; NaN where it does not converge to 1e-13, or
+    only where the lens folds or mirrors the image."""
     k1, k2, p1, p2, k3 = k
     x, y = np.array(x_d, np.float64), np.array(y_d, np.float64)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -96,4 +97,7 @@ def undistorted(x_d: Float, y_d: Float, k: Brown, steps: int = 30) -> tuple[Floa
             x, y = x - (yy * ex - xy * ey) / det, y - (xx * ey - xy * ex) / det
         got_x, got_y = distorted(x, y, k)
         good = np.hypot(got_x - x_d, got_y - y_d) <= 1e-13 * (1.0 + np.hypot(x_d, y_d))
+        # Beyond the turn of the polynomial lie other roots, where the image is folded over or mirrored.
+        square = x * x + y * y
+        good &= (det > 0) & (1.0 + square * (k1 + square * (k2 + square * k3)) > 0)
     return np.where(good, x, np.nan), np.where(good, y, np.nan)

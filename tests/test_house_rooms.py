@@ -30,8 +30,8 @@ ORDER: dict[str, tuple[str, ...]] = {
         "export", "contents",
     ),
     "generator": (
-        "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "models", "checked", "preview", "captured",
-        "generate",
+        "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "models", "checked", "preview",
+        "captured", "generate",
     ),
     "estimators": (
         "labels", "rig", "response", "result", "builtin", "chain", "registry", "fit", "gated", "waveform", "amcw", "laser_line",
