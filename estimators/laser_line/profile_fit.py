@@ -92,7 +92,7 @@ def _solve(a, b, n):  # type: ignore[no-untyped-def]
 @kernel
 def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ignore[no-untyped-def]
     n, size = z.shape
-    free = 4 if free_width else 3
+    most = 4 if free_width else 3
     x = np.arange(size) - size // 2 + 0.0
     mu, trial = np.empty(size), np.empty(size)
     grad, other = np.empty((4, size)), np.empty((4, size))
@@ -122,6 +122,7 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
             held = 0.0
         _model(p, x, mu, grad)
         done = False
+        free = most
         for _ in range(steps):
             cost = 0.0
             for j in range(size):
@@ -148,7 +149,9 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
             for a in range(4):
                 q[a] = p[a] + (step[a, 0] if a < free else 0.0)
             q[0] = min(max(q[0], p[0] - 0.5), p[0] + 0.5)
-            q[3] = min(max(q[3], low), high)
+            if q[3] <= low or q[3] >= high:  # a width at its limit is held there: the others' step is another one then
+                q[3] = min(max(q[3], low), high)
+                free = 3
             _model(q, x, trial, other)
             new = 0.0
             for j in range(size):
@@ -160,7 +163,7 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
                     p[a] = q[a]
                 _model(p, x, mu, grad)
                 damping = max(damping * 0.2, 1e-12)
-                if moved < 1e-7:
+                if moved < 1e-5:
                     done = True
                     break
             else:
@@ -170,6 +173,7 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
                     break
         if not done or not p[1] > 0.0:
             continue
+        free = most
         # Covariance: N⁻¹ M N⁻¹ with N = Σ w ∇∇ᵀ, M = Σ w² V ∇∇ᵀ; for weights 1/V it is N⁻¹.
         for a in range(free):
             for b in range(free):
