@@ -156,8 +156,11 @@ def test_what_hides_the_laser_or_the_camera_leaves_no_line() -> None:
         },
     }  # fmt: skip
     plain = load_scene("spotscan-wall", AIR)
-    scene = load_scene(plain.model_copy(update={"target": (*plain.target, *load_scene(
-        plain.model_dump(mode="json") | {"target": [post]}).target)}))
+    scene = load_scene(
+        plain.model_copy(
+            update={"target": (*plain.target, *load_scene(plain.model_dump(mode="json") | {"target": [post]}).target)}
+        )
+    )
     capture = generate(scene, seed=1, truth_electrons=True)
     depth = capture["truth_point"].values[0, :, 0, 2]
     middle, outside = depth[115:140], depth[[0, 20, 235, 255]]

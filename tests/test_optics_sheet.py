@@ -16,7 +16,9 @@ def _sheet(profile: str) -> Sheet:
 @pytest.mark.parametrize("profile", ["flat-top", "gaussian"])
 def test_the_fan_holds_all_power(profile: str) -> None:
     sheet = _sheet(profile)
-    whole = quad(lambda a: float(sheet.fan_density(a)), -0.5 * np.pi, 0.5 * np.pi, points=[-0.35, 0.35], epsabs=1e-12)[0]
+    whole = quad(lambda a: float(sheet.fan_density(a)), -0.5 * np.pi, 0.5 * np.pi, points=[-0.35, 0.35], epsabs=1e-12)[
+        0
+    ]
     assert whole == pytest.approx(1.0, abs=1e-9)
     if profile == "gaussian":
         assert sheet.fan_density(0.35) == pytest.approx(np.exp(-2) * sheet.fan_density(0.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,7 @@ from ...optics.port import FlatPort
 from ...optics.rotation import rotation_matrix
 from ...optics.sheet import Sheet, angle_inside
 from .laser_line_parts import FlatWindow
-
-if TYPE_CHECKING:
-    from .laser_line import LaserLineRig
+from .laser_line_spec import LaserLineRig
 
 __all__ = ["camera_data", "line_camera", "line_sheet", "sheet_data"]
 
