@@ -35,6 +35,7 @@ class Estimator:
 
     needs: pairs of a path in the declared rig and the value that it must have ("detector.readout.kind", "single-photon");
     captures of other instruments are refused. links: the estimators of a chain, whose last one gives the stage.
+    joint: whether an answer depends on other elements than its own, e.g. on the rows beside it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Estimator:
     function: Callable[..., xr.Dataset]
     needs: tuple[tuple[str, str], ...] = ()
     links: tuple[Estimator, ...] = ()
+    joint: bool = False
 
     @property
     def reads_captures(self) -> bool:
@@ -92,7 +94,9 @@ class Estimator:
         return check_result(self.function(capture, **checked), capture, self.name, self.stage)
 
 
-def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None) -> Callable[[_F], _F]:
+def estimator(
+    stage: str, *, cites: str, needs: Mapping[str, str] | None = None, joint: bool = False
+) -> Callable[[_F], _F]:
     """Mark a function as an estimator.
 
     Main arguments:
@@ -101,6 +105,8 @@ def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None)
     Other arguments:
         needs: {path in the declared rig: value} without which the method has no meaning. Captures of other instruments are
             refused with that reason; a suite shows them as skipped.
+        joint: whether an answer depends on other elements than its own (smoothing along a line); such an estimator is not held
+            to the laws of independent elements.
 
     Raises InputError for an unknown stage or an empty `cites`.
     """
@@ -116,7 +122,7 @@ def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None)
             )  # fmt: skip
 
     def mark(function: _F) -> _F:
-        setattr(function, _MARK, (word, cites, tuple(sorted((needs or {}).items()))))
+        setattr(function, _MARK, (word, cites, tuple(sorted((needs or {}).items())), joint))
         return function
 
     return mark
@@ -158,8 +164,8 @@ def _describe(name: str, function: Any, where: str) -> Estimator:
             value=function,
             allowed='a function under @estimator("gated", cites="...")',
         )
-    word, cites, needs = cast("tuple[str, str, tuple[tuple[str, str], ...]]", mark)
-    return Estimator(name=name, stage=stage_of(word), cites=cites, function=function, needs=needs)
+    word, cites, needs, joint = cast("tuple[str, str, tuple[tuple[str, str], ...], bool]", mark)
+    return Estimator(name=name, stage=stage_of(word), cites=cites, function=function, needs=needs, joint=joint)
 
 
 def get_estimator(name: str) -> Estimator:
@@ -203,7 +209,8 @@ def _chain(links: tuple[Estimator, ...]) -> Estimator:
     needs = tuple(dict.fromkeys(need for link in links for need in link.needs))
     cites = "; ".join(link.cites for link in links)
     name = LINK.join(link.name for link in links)
-    return Estimator(name, links[-1].stage, cites, chained_function(links), needs, links)
+    joint = any(link.joint for link in links)
+    return Estimator(name, links[-1].stage, cites, chained_function(links), needs, links, joint)
 
 
 def list_estimators(modality: str | None = None) -> tuple[str, ...]:

@@ -61,7 +61,7 @@ def laws_of(label: str) -> tuple[list[str], Callable[[Report | None], list[LawRe
     name, params = parse_label(chosen.label)
     found = get_estimator(fed(name))
     run = partial(found.function, **check_parameters(found.function, params, where=name))
-    laws = named(run, Maker(_laws(found.stage), found.stage, found.unfit))
+    laws = named(run, Maker(_laws(found.stage), found.stage, found.unfit, joint=found.joint))
     return list(laws), lambda report: judged(laws, report)
 
 

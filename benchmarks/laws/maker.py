@@ -69,12 +69,15 @@ class Maker:
         laws: of the modality. stage: of the estimator, which reads captures or is the last of a chain that does.
     Other arguments:
         unfit: capture -> reason why the estimator cannot read it, "" if it can.
+        joint: whether the estimator says that its answers depend on other elements than their own.
 
     Raises InputError where the estimator can read none of the captures.
     """
 
-    def __init__(self, laws: Laws, stage: Stage, unfit: Callable[[xr.Dataset], str] = lambda capture: "") -> None:
-        self.laws, self.stage, self.layout = laws, stage, layout_of(stage.modality)
+    def __init__(
+        self, laws: Laws, stage: Stage, unfit: Callable[[xr.Dataset], str] = lambda capture: "", *, joint: bool = False
+    ) -> None:
+        self.laws, self.stage, self.layout, self.joint = laws, stage, layout_of(stage.modality), joint
         reasons = []
         for make in laws.captures:
             capture = make()

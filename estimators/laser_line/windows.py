@@ -34,13 +34,14 @@ class Windows:
     """The rows of all frames, n = frames · rows.
 
     z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
-    level (n): the background, photoelectrons. floor_e2: variance of a pixel without light. sound (n): rows of usable frames
+    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light. sound (n): rows of usable frames
     whose window lies within the image, holds no bad pixel, and whose peak is above `least_sigmas` of the noise.
     """
 
     z: Float
     peak: npt.NDArray[np.int64]
     level: Float
+    row_level: Float
     floor_e2: float
     sound: Bool
     shape: tuple[int, int]
@@ -56,31 +57,30 @@ class Windows:
         """Variance of the pixels (n, 2h + 1), from their own counts."""
         return np.asarray(np.maximum(self.z + self.level[:, None], 0.0) + self.floor_e2)
 
+    def electrons(self, capture: xr.Dataset) -> tuple[Float, Bool]:
+        """(photoelectrons, whether a pixel is sound), each (frame, row, col), of the capture that the windows are of."""
+        return _electrons(capture, self.rig)
+
     def width(self) -> Float:
         """σ [px] (n) that the declared rig gives a line at these columns."""
         return np.asarray(_declared_width(self.rig)[np.clip(self.peak, 0, None)])
 
 
-def line_windows(capture: xr.Dataset, *, half_window: int = 0, least_sigmas: float = 5.0) -> Windows:
+def line_windows(capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0) -> Windows:
     """The windows of a capture.
 
     Other arguments:
-        half_window: pixels to either side; 0 takes four standard deviations of the declared line and two pixels.
+        least_half: least number of pixels to either side, which are four standard deviations of the declared line and two.
         least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light.
 
     The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value.
     """
     rig = read_rig(capture, "laser_line")
-    converter = rig.converter("detector")
-    amplifier = rig.amplifier("detector.intensifier")
-    counts = np.asarray(capture["counts"].values, np.float64)
-    frames, rows, cols = counts.shape
-    with np.errstate(invalid="ignore"):
-        good = np.isfinite(counts) & (counts < converter.saturation_dn) & (counts > converter.dead_dn)
-        electrons = (counts - converter.offset_dn) / (converter.gain_dn_per_e * amplifier.gain)
+    electrons, good = _electrons(capture, rig)
+    frames, rows, cols = electrons.shape
     good, electrons = good.reshape(-1, cols), electrons.reshape(-1, cols)
     usable = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
-    half = half_window or _half_window(rig)
+    half = max(_half_window(rig), least_half)
     level = _medians(electrons, good)
     peak = np.where(good, electrons, -np.inf).argmax(axis=1)
     at = peak[:, None] + np.arange(-half, half + 1)
@@ -88,11 +88,20 @@ def line_windows(capture: xr.Dataset, *, half_window: int = 0, least_sigmas: flo
     z = np.take_along_axis(electrons, inside, axis=1) - level[:, None]
     sound = np.repeat(usable, rows) & (at >= 0).all(axis=1) & (at < cols).all(axis=1)
     sound &= np.take_along_axis(good, inside, axis=1).all(axis=1) & np.isfinite(level)
-    floor = converter.floor_e2 / amplifier.gain**2
+    floor = rig.converter("detector").floor_e2 / rig.amplifier("detector.intensifier").gain ** 2
     with np.errstate(invalid="ignore"):
         sound &= z[:, half] > least_sigmas * np.sqrt(floor + np.maximum(level, 0.0))
     z = np.where(sound[:, None], z, 0.0)
-    return Windows(z, peak, np.where(sound, level, 0.0), floor, sound, (frames, rows), rig)
+    return Windows(z, peak, np.where(sound, level, 0.0), level, floor, sound, (frames, rows), rig)
+
+
+def _electrons(capture: xr.Dataset, rig: DeclaredRig) -> tuple[Float, Bool]:
+    """(photoelectrons, whether a pixel is sound) (frame, row, col): finite, neither clipped nor dead."""
+    converter, amplifier = rig.converter("detector"), rig.amplifier("detector.intensifier")
+    counts = np.asarray(capture["counts"].values, np.float64)
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(counts) & (counts < converter.saturation_dn) & (counts > converter.dead_dn)
+        return (counts - converter.offset_dn) / (converter.gain_dn_per_e * amplifier.gain), good
 
 
 def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None = None) -> xr.Dataset:

@@ -25,6 +25,7 @@ __all__ = ["KIND", "LaserLineRig", "laser_line_rig"]
 #: Least distance of the sheet's plane from the entrance pupil: nearer, every range falls into one column.
 _LEAST_BASELINE_M = 1e-4
 
+
 def laser_line_rig(scene: RigScene) -> LaserLineRig:
     """The scene's rig, which must be a laser-line rig. Raises InputError for a scene of another modality."""
     if not isinstance(scene.rig, LaserLineRig):
