@@ -49,8 +49,8 @@ _LEAST_M = 1e-12
 def laser_line_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     """The bounds of `column` [px] and `point` [m] of a generated capture.
 
-    `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU), where the rig moves, or where a row has several returns, whose
-    light may overlap; "none" without true scene and amplitude. Raises InputError for an invalid true scene.
+    `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU), where the rig moves, where scattered light varies along the
+    row, or where a row has several returns, whose light may overlap; "none" without true scene and amplitude. Raises InputError for an invalid true scene.
     """
     if not bounded(capture, "truth_amplitude", "truth_width", "truth_background"):
         return _none(capture)
@@ -59,7 +59,8 @@ def laser_line_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     truth = np.asarray(capture["truth_column"].values, np.float64)
     amplitude, width = (np.asarray(capture[f"truth_{name}"].values, np.float64) for name in ("amplitude", "width"))
     sigma = column_sigma(amplitude, width, _levels(capture, truth, rig), line_noise(rig))
-    kind = "exact" if _plain(rig) and truth.shape[2] == 1 else "quasi"
+    flat = capture["truth_background"].ndim == 1
+    kind = "exact" if _plain(rig) and flat and truth.shape[2] == 1 else "quasi"
     index = phase_index(scene.medium, rig.wavelength_m)
     slope = _slopes(line_camera(rig, index), line_sheet(rig, index), truth)
     column = Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, _SCALE_PX, float(rig.camera.cols))

@@ -34,8 +34,9 @@ class Windows:
     """The rows of all frames, n = frames · rows.
 
     z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
-    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light. sound (n): rows of usable frames
-    whose window lies within the image, holds no bad pixel, and whose peak is above `least_sigmas` of the noise.
+    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light.
+    sound (n): rows of usable frames whose window lies within the image and holds no bad pixel, and whose peak is above
+    `least_sigmas` of the noise.
     """
 
     z: Float

@@ -7,13 +7,11 @@ import numpy as np
 from ...scenes.errors import InputError
 from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.scene import Scene
-from ..choice import Choice, Rtol, chosen
+from ..choice import Choice, Rtol, Rung, chosen
 from ..effect import interreflection
-from .effects import scattered_sizes
-from .expected import FrameLight
-from .light import line_light, nodes_of
+from .effects import SCATTERED, scattered_sizes
+from .expected import frame_light
 from .setting import poses_of, setting_of
-from .truth import line_truth
 
 __all__ = ["choose"]
 
@@ -22,30 +20,40 @@ _PILOT = 0.05
 
 
 def choose(scene: Scene, rtol: Rtol) -> Choice:
-    """ "direct" where all that it leaves out is predicted to stay below `rtol` of the line's light.
+    """ "direct" where all that it leaves out is predicted to stay below `rtol` of the line's light, else "scatter".
 
     Raises:
-        InputError: it leaves out more, or by an unknown amount; no other rung is built.
+        InputError: both leave out more, or by an unknown amount; no other rung is built.
     """
     setting = setting_of(scene)
-    pose = poses_of(setting.rig)[0][0]
-    nodes = nodes_of(setting, pose)
-    image = line_light(setting, pose, nodes, _PILOT).electrons
-    light = FrameLight(line_truth(setting, pose, nodes), float(image.max(initial=0.0)))
+    light = frame_light(setting, poses_of(setting.rig)[0][0], _PILOT, wide=False)
     sizes = {name: size for name, (size, _) in scattered_sizes(scene, light).items()}
     sizes["interreflection"] = interreflection(scene)[0]
-    limit = _noise(scene, light.peak) if rtol == "noise" else float(rtol)
-    error = float(sum(np.inf if size is None else size for size in sizes.values()))
-    if error > limit:
-        worst = max(sizes, key=lambda name: np.inf if sizes[name] is None else float(sizes[name] or 0.0))
-        shown = "an unknown amount" if sizes[worst] is None else f"up to {sizes[worst]:.2g} of the line's light"
+    limit = _noise(scene, float(light.line.max(initial=0.0))) if rtol == "noise" else float(rtol)
+    left: dict[Rung, list[str]] = {"direct": [name for name in sizes if name != SCATTERED[2]]}
+    if light.scattered is not None:
+        left["scatter"] = [name for name in sizes if name not in SCATTERED[:2]]
+    error = {rung: float(sum(_size(sizes[name]) for name in names)) for rung, names in left.items()}
+    passing = [rung for rung in left if error[rung] <= limit]
+    if not passing:
+        best = min(error, key=lambda rung: error[rung])
+        worst = max(left[best], key=lambda name: _size(sizes[name]))
+        shown = "by an unknown amount" if sizes[worst] is None else f"by up to {sizes[worst]:.2g} of the line's light"
         raise InputError(
-            f"The one rung of this modality, direct, leaves out {worst}: {shown}.",
-            where=f"{scene.name}: rtol", value=rtol, allowed=f"{error:.2g} or more",
-            next_step='raise rtol, or give fidelity="direct" and read the capture\'s list of effects',
+            f"The rung of this modality that comes nearest, {best}, leaves out light that changes the image {shown}: {worst}.",
+            where=f"{scene.name}: rtol", value=rtol, allowed=f"{error[best]:.2g} or more",
+            next_step=f'raise rtol, or give fidelity="{best}" and read the capture\'s list of effects',
         )  # fmt: skip
     known = {name: float(size) for name, size in sizes.items() if size is not None}
-    return chosen("direct", {"direct": error}, limit, max(limit, 5e-4), "closed forms of the scattered light", known)
+    rung = passing[0]
+    shown_error = {str(name): value for name, value in error.items() if np.isfinite(value)}
+    return chosen(
+        rung, shown_error, limit, max(limit, 5e-4), "the first frame's scattered light", known, supersedes=False
+    )
+
+
+def _size(size: float | None) -> float:
+    return np.inf if size is None else size
 
 
 def _noise(scene: Scene, peak: float) -> float:

@@ -45,5 +45,11 @@ def _effects(scene: Scene, expected: Expected[FrameLight], rung: str) -> list[Ef
 
 
 MODEL: Model[FrameLight] = Model(
-    "laser_line", rungs=("direct",), expect=_expect, read=_read, effects=_effects, choose=_choose, clock="time"
+    "laser_line",
+    rungs=("direct", "scatter"),
+    expect=_expect,
+    read=_read,
+    effects=_effects,
+    choose=_choose,
+    clock="time",
 )

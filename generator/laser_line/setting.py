@@ -69,8 +69,11 @@ class Setting:
     def see(self, row: Float, col: Float, pose: Pose, *, lit: bool = True) -> Seen:
         """First hits of the rays through pixel coordinates (n). `lit`: whether to compute the light, which takes shadow rays."""
         origin, direction = self.camera.rays(row, col)
+        leaves = np.isfinite(direction).all(axis=0)
+        if not leaves.all():  # beyond the field, a wider image may have pixels whose rays port or lens do not let out
+            origin, direction = np.where(leaves, origin, 0.0), np.where(leaves, direction, [[0.0], [0.0], [-1.0]])
         hits = self.tracer.trace(pose.of_point(origin), pose.turn @ direction)
-        hit = hits.target >= 0
+        hit = (hits.target >= 0) & leaves
         distance = np.where(hit, hits.distance, 1.0)
         point = origin + direction * distance
         normal = pose.turn.T @ hits.normal
@@ -81,9 +84,8 @@ class Setting:
         self, row: Float, col: Float, pose: Pose, hits: Hits, hit: NDArray[np.bool_], point: Float, direction: Float,
         r2: Float,
     ) -> Float:  # fmt: skip
-        """Photoelectrons as ladar's camera equation has them, with I = p(φ) r: E = P I/r². Radiance that leaves a port for air
-        falls by (n_inside/n_outside)²."""
-        sheet, camera, window = self.sheet, self.rig.camera, self.camera.port
+        """Photoelectrons with I = p(φ) r, so that E = P I/r² = P p(φ)/r."""
+        sheet = self.sheet
         r1 = sheet.range(point)
         density = np.where(hit, sheet.fan_density(sheet.fan_angle(point)), 0.0)
         wanted = density > 0
@@ -93,11 +95,18 @@ class Setting:
             wanted[wanted] = self.tracer.visible(pose.of_point(point[:, wanted]), to)
         beam = (point - sheet.source[:, None]) / r1
         a = angles((pose.turn.T @ hits.normal).T, -beam.T, -direction.T)
+        light = self.electrons(row, col, density * r1, r1, r2, reflected(self.scene, hits, a, wanted))
+        return np.where(wanted, light, 0.0)
+
+    def electrons(self, row: Float, col: Float, intensity: Float, r1: Float, r2: Float, response: Float) -> Float:
+        """Photoelectrons per pixel (n) by ladar's camera equation: `intensity` [1/sr] of the laser, r₁ from it and r₂ [m] back,
+        `response` [1/sr]. Radiance that leaves a port for air falls by (n_inside/n_outside)²."""
+        camera, window = self.rig.camera, self.camera.port
         x, y = self.camera.slopes(row, col)
         electrons = ladar.pixel_photoelectrons(
             pulse_energy_j=self.rig.laser.power_w * self.rig.detector.exposure_s,
-            intensity_per_sr=density * r1,
-            response_per_sr=reflected(self.scene, hits, a, wanted),
+            intensity_per_sr=intensity,
+            response_per_sr=response,
             lamp_range_m=r1,
             camera_range_m=r2,
             attenuation_per_m=self.scene.medium.attenuation_per_m,
@@ -108,8 +117,7 @@ class Setting:
             quantum_efficiency=camera.quantum_efficiency,
             wavelength_m=self.rig.wavelength_m,
         )
-        leaving = 1.0 if window is None else (window.inside / window.outside) ** 2
-        return np.where(wanted, electrons * leaving, 0.0)
+        return np.asarray(electrons * (1.0 if window is None else (window.inside / window.outside) ** 2))
 
 
 def setting_of(scene: Scene, tracer: Tracer | None = None) -> Setting:
