@@ -94,7 +94,10 @@ def undistorted(x_d: Float, y_d: Float, k: Brown, steps: int = 30) -> tuple[Floa
             yy = radial + 2 * y * y * turn + 6 * p1 * y + 2 * p2 * x
             xy = 2 * x * y * turn + 2 * p1 * x + 2 * p2 * y
             det = xx * yy - xy * xy
-            x, y = x - (yy * ex - xy * ey) / det, y - (xx * ey - xy * ex) / det
+            move_x, move_y = (yy * ex - xy * ey) / det, (xx * ey - xy * ex) / det
+            x, y = x - move_x, y - move_y
+            if not max(np.abs(move_x).max(initial=0.0), np.abs(move_y).max(initial=0.0)) > 1e-15:
+                break
         got_x, got_y = distorted(x, y, k)
         good = np.hypot(got_x - x_d, got_y - y_d) <= 1e-13 * (1.0 + np.hypot(x_d, y_d))
         # Beyond the turn of the polynomial lie other roots, where the image is folded over or mirrored.

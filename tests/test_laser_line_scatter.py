@@ -36,7 +36,7 @@ def test_the_curtain_is_that_of_photons_scattered_once() -> None:
     rig, sheet = setting.rig, setting.sheet
     model = curtain(setting, poses_of(rig)[0][0], scene.medium.phase)  # type: ignore[arg-type]
     rng = np.random.default_rng(5)
-    count, c, b = 4_000_000, scene.medium.attenuation_per_m, scene.medium.scattering_per_m
+    count, c, b = 800_000, scene.medium.attenuation_per_m, scene.medium.scattering_per_m
     phi = rng.uniform(-sheet.fan_half_angle_rad, sheet.fan_half_angle_rad, count)
     far = 1.2  # beyond the wall
     r = -np.log1p(-rng.random(count) * -np.expm1(-c * far)) / c
@@ -80,7 +80,7 @@ def test_the_curtain_is_that_of_photons_scattered_once() -> None:
         np.abs(z).max() < 4.0 and abs(z.mean()) < 3.0 / np.sqrt(z.size) and (z**2).mean() < 1 + 4 * np.sqrt(2 / z.size)
     )
     # What the Monte Carlo can see: the whole to a fraction of a percent.
-    assert np.sqrt(square.sum()) < 0.005 * total.sum()
+    assert np.sqrt(square.sum()) < 0.01 * total.sum()
     assert not x.size or np.isfinite(x[good]).all() and np.isfinite(y[good]).all()
 
 
@@ -122,7 +122,7 @@ def test_rungs_nest_and_say_what_they_leave_out() -> None:
     assert (scatter["truth_electrons"].values >= direct["truth_electrons"].values - 1e-3).all()
     assert scatter["truth_background"].dims == ("frame", "row", "col")
     added = scatter["truth_electrons"].values - direct["truth_electrons"].values
-    assert scatter["truth_background"].values - 5.0 == pytest.approx(added, abs=0.01 * added.max())
+    assert scatter["truth_background"].values - 5.0 == pytest.approx(added, abs=0.01 * float(added.max()))
     for capture, there in ((direct, False), (scatter, True)):
         effects = {line["name"]: line for line in json.loads(capture.attrs["fidelity"])["effects"]}
         assert effects["curtain of scattered light"]["modelled"] is there
@@ -131,13 +131,15 @@ def test_rungs_nest_and_say_what_they_leave_out() -> None:
 
 
 def test_auto_takes_the_cheapest_rung_that_passes() -> None:
-    scene = _water(**{"medium.scattering_per_m": 0.02, "medium.absorption_per_m": 0.05})
+    scene = _water(
+        **{"medium.scattering_per_m": 0.05, "medium.absorption_per_m": 0.05, "medium.phase_function.g": 0.98}
+    )
     rungs = {}
     for rtol in (0.3, 1e-2):
         chosen = json.loads(generate(scene, seed=1, fidelity="auto", rtol=rtol).attrs["fidelity"])
         rungs[rtol] = chosen["rung"]
         assert chosen["chosen"]["predicted_error"][chosen["rung"]] <= rtol
-    assert rungs == {0.3: "direct", 1e-2: "scatter"} or rungs == {0.3: "direct", 1e-2: "direct"}
+    assert rungs == {0.3: "direct", 1e-2: "scatter"}
     with pytest.raises(InputError, match="leaves out light"):
         generate(scene, seed=1, fidelity="auto", rtol=1e-6)
 

@@ -49,7 +49,8 @@ def frame_light(setting: Setting, pose: Pose, rtol: float, *, wide: bool) -> Fra
     if wide:
         around, margin = widened(setting)
         image = line_light(around, pose, nodes_of(around, pose), rtol).electrons
-    veil = curtain(setting, pose, phase)
+    # For the sizes of effects alone, some rows are enough: the curtain is smooth.
+    veil = curtain(setting, pose, phase, every=1 if wide else max(setting.rig.camera.rows // 64, 1))
     scattered = Scattered(veil, halo(setting, image, margin, path_of(setting, truth), phase))
     return FrameLight(truth, lit.electrons, scattered, lit.rays + image.size + 4 * veil.size, lit.change)
 

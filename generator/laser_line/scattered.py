@@ -29,8 +29,8 @@ __all__ = ["Scattered", "curtain", "halo", "widened"]
 
 Float = NDArray[np.float64]
 
-#: Parts of a pixel along the row, at whose middles the curtain is taken: it ends within the pixel where the line begins.
-_PARTS = 4
+#: Parts along the row of a pixel in which the curtain begins or ends.
+_PARTS = 8
 #: Margin of the wider image as a share of the image's longer side; light from further out is left out.
 _MARGIN = 0.25
 
@@ -53,13 +53,32 @@ def widened(setting: Setting) -> tuple[Setting, int]:
     return replace(setting, rig=rig, camera=line_camera(rig, index)), margin
 
 
-def curtain(setting: Setting, pose: Pose, phase: PhaseFunction) -> Float:
-    """Photoelectrons (rows, cols) of light of the sheet that was scattered once, before the target."""
-    rows, cols = setting.rig.camera.rows, setting.rig.camera.cols
-    part = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
-    row, col = np.meshgrid(np.arange(rows, dtype=np.float64), (np.arange(cols)[:, None] + part).ravel(), indexing="ij")
-    at_row, at_col = row.ravel(), col.ravel()
-    origin, direction = setting.camera.rays(at_row, at_col)
+def curtain(setting: Setting, pose: Pose, phase: PhaseFunction, *, every: int = 1) -> Float:
+    """Photoelectrons (rows, cols) of light of the sheet that was scattered once, before the target.
+
+    The curtain is smooth but where it begins or ends: there the pixels are cut into parts. `every`: only each n-th row is computed.
+    """
+    rows, cols = np.arange(0, setting.rig.camera.rows, every), setting.rig.camera.cols
+    row, col = (
+        v.ravel() for v in np.meshgrid(rows.astype(np.float64), np.arange(cols, dtype=np.float64), indexing="ij")
+    )
+    light = _veil(setting, pose, phase, row, col).reshape(rows.size, cols)
+    there = light > 0
+    edge = np.zeros(there.shape, bool)
+    change = there[:, 1:] != there[:, :-1]
+    edge[:, 1:] |= change
+    edge[:, :-1] |= change
+    at_row, at_col = np.nonzero(edge)
+    if at_row.size:
+        part = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
+        cut_row, cut_col = np.repeat(rows[at_row].astype(np.float64), _PARTS), (at_col[:, None] + part).ravel()
+        light[at_row, at_col] = _veil(setting, pose, phase, cut_row, cut_col).reshape(-1, _PARTS).mean(axis=1)
+    return light
+
+
+def _veil(setting: Setting, pose: Pose, phase: PhaseFunction, row: Float, col: Float) -> Float:
+    """Photoelectrons per pixel of the curtain at pixel coordinates (n)."""
+    origin, direction = setting.camera.rays(row, col)
     sheet = setting.sheet
     point = meeting(origin, direction, sheet.normal, sheet.source)
     s = (direction * (point - origin)).sum(axis=0)
@@ -69,12 +88,12 @@ def curtain(setting: Setting, pose: Pose, phase: PhaseFunction) -> Float:
         beam = (point - sheet.source[:, None]) / r
         density = sheet.fan_density(sheet.fan_angle(point))
         lit = np.isfinite(s) & (s > 0) & (r > 0) & (density > 0) & (sine > 0)
-    lit[lit] &= _clear(setting, pose, at_row[lit], at_col[lit], point[:, lit], s[lit])
+    lit[lit] &= _clear(setting, pose, row[lit], col[lit], point[:, lit], s[lit])
     light = np.zeros(lit.shape)
     turned = np.arccos(np.clip(-(beam[:, lit] * direction[:, lit]).sum(axis=0), -1.0, 1.0))
     response = setting.scene.medium.scattering_per_m * phase_density(phase, turned) / sine[lit]
-    light[lit] = setting.electrons(at_row[lit], at_col[lit], density[lit] * r[lit], r[lit], s[lit], response)
-    return np.asarray(light.reshape(rows, cols, _PARTS).mean(axis=2))
+    light[lit] = setting.electrons(row[lit], col[lit], density[lit] * r[lit], r[lit], s[lit], response)
+    return light
 
 
 def _clear(setting: Setting, pose: Pose, row: Float, col: Float, point: Float, s: Float) -> NDArray[np.bool_]:
