@@ -52,7 +52,13 @@ def point_eq3_32(direction: Float, baseline_m: float, angle_rad: float) -> Float
 
 
 def patch_corner_eq3_33(
-    d1_m: ArrayLike, d2_m: ArrayLike, pixel_m: float, focal_length_m: float, index: float, baseline_m: float, angle_rad: float
+    d1_m: ArrayLike,
+    d2_m: ArrayLike,
+    pixel_m: float,
+    focal_length_m: float,
+    index: float,
+    baseline_m: float,
+    angle_rad: float,
 ) -> Float:
     """Farthest corner (3, …) [m] of the pixel's patch on the laser's plane: half a pixel w/2 farther along the range axis, and
     half a pixel outward along the line (Eq. 3.33, with Eq. 3.34 to 3.36 for the ray of that corner)."""

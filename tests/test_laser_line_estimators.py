@@ -145,6 +145,24 @@ def test_bad_frames_give_no_points() -> None:
             assert not run_estimator(name, hide_truth(capture))["valid"].values.any()
 
 
+@pytest.mark.parametrize("name", ["line-erf", "line-ml"])
+def test_several_returns_of_a_row_come_brightest_first(name: str) -> None:
+    """Two lines 20 columns apart in one row; a third return, which is not there, is refused."""
+    scene, left, right = _scene(0.75), _phases() - 10.0, _phases() + 10.0
+    one, two = (
+        written_capture(scene, light, 0.75, 20.0, column, averaged=True)
+        for light, column in ((1e4, left), (2.5e4, right))
+    )
+    both = one.assign(counts=one["counts"] + two["counts"] - np.float32(101.0)).assign_attrs(one.attrs)
+    found = run_estimator(f"{name}[returns=3]", hide_truth(both))
+    assert found["column"].shape == (2, 256, 3)
+    assert np.abs(found["column"].values[..., 0] - right).max() < 1e-3
+    assert np.abs(found["column"].values[..., 1] - left).max() < 1e-3
+    assert found["valid"].values[..., :2].all() and not found["valid"].values[..., 2].any()
+    points = run_estimator(f"{name}+triangulate-refractive[returns=2]", hide_truth(both))
+    assert points["point"].shape == (2, 256, 2, 3) and points["valid"].values.all()
+
+
 # ---------------------------------------------------------------- chains
 
 

@@ -39,7 +39,9 @@ def test_the_printed_triangulation_is_a_port_at_the_pinhole() -> None:
 
 def test_refraction_as_printed() -> None:
     beta = incidence_eq3_20(3e-3, 4e-3, 25e-3)
-    assert np.tan(beta) == pytest.approx(0.2) and np.sin(refracted_eq3_21(beta, 1.33)) * 1.33 == pytest.approx(np.sin(beta))
+    assert np.tan(beta) == pytest.approx(0.2) and np.sin(refracted_eq3_21(beta, 1.33)) * 1.33 == pytest.approx(
+        np.sin(beta)
+    )
     assert direction_eq3_22(0.0, 0.0, 25e-3, 1.33)[2] == pytest.approx(1.33 * 25e-3)
     assert direction_eq3_22(1e-9, 0.0, 25e-3, 1.33)[2] == pytest.approx(1.33 * 25e-3, rel=1e-6)
 

@@ -36,10 +36,10 @@ def line_steger(capture: xr.Dataset, *, scale: float = 0.0, least_sigmas: float 
     """c = x + t/n_x from the derivatives of the image smoothed with `scale` px (0: w/√3 of a bar of half
     width w = 1.5 σ of the declared line, as Steger advises; at least .9 px).
 
-    Returns column, sigma [px], valid (frame, row, return). sigma: noise through both smoothings, and pixel locking: t is one step of
-    Newton's method, which misses the ridge by x³/(σ² + scale²). Rows beside each other err alike. Invalid where the peak is not
-    `least_sigmas` above the row's noise, where a pixel within the filters' reach is bad or outside of the image, or where no
-    ridge lies beside the brightest pixel.
+    Returns column, sigma [px], valid (frame, row, return). sigma: noise through both smoothings, and pixel locking: t is one step
+    of Newton's method, which misses the ridge by x³/(σ² + scale²). Rows beside each other err alike. Invalid where the peak is
+    not `least_sigmas` above the row's noise, where a pixel within the filters' reach is bad or outside of the image, or where
+    no ridge lies beside the brightest pixel.
     """
     windows = line_windows(capture, least_sigmas=least_sigmas)
     line = float(np.median(windows.width()))
@@ -77,7 +77,7 @@ _ORDERS = {"x": (0, 1), "y": (1, 0), "xx": (0, 2), "xy": (1, 1), "yy": (2, 0)}
 def _image(windows: Windows, capture: xr.Dataset) -> tuple[Float, npt.NDArray[np.bool_]]:
     """Photoelectrons above the rows' backgrounds (frame, row, col), bad pixels at zero; and which pixels are bad."""
     electrons, good = windows.electrons(capture)
-    level = windows.row_level.reshape(*windows.shape, 1)
+    level = windows.row_level.reshape(windows.shape)
     return np.where(good & np.isfinite(level), electrons - level, 0.0), ~good
 
 

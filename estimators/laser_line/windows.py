@@ -1,4 +1,4 @@
-"""Reading the frames of a laser line: in every row the brightest pixel, and a window of photoelectrons around it."""
+"""Reading the frames of a laser line: in every row the brightest pixels, and a window of photoelectrons around each."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _PHASES = 64
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """The rows of all frames, n = frames · rows.
+    """The windows of all frames, n = frames · rows · returns; `shape` is these three.
 
     z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
     level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light.
@@ -47,7 +47,7 @@ class Windows:
     row_level: Float
     floor_e2: float
     sound: Bool
-    shape: tuple[int, int]
+    shape: tuple[int, int, int]
     rig: DeclaredRig
 
     @property
@@ -71,12 +71,16 @@ class Windows:
         return np.asarray(_declared_width(self.rig)[np.clip(self.peak, 0, None)])
 
 
-def line_windows(capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0) -> Windows:
+def line_windows(
+    capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0, returns: int = 1
+) -> Windows:
     """The windows of a capture.
 
     Other arguments:
         least_half: least number of pixels to either side, which are four standard deviations of the declared line and two.
         least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light.
+
+        returns: windows per row, the brightest first; each later one lies outside of those before it.
 
     The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value.
     """
@@ -89,17 +93,33 @@ def line_windows(capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas:
     half = max(_half_window(rig), least_half)
     good = scale.good(counts)
     level = scale.electrons(_medians(counts, good))
-    peak = (counts if good is None else np.where(good, counts, -np.inf)).argmax(axis=1)
-    at = peak[:, None] + np.arange(-half, half + 1)
-    inside = np.clip(at, 0, cols - 1)
-    z = scale.electrons(np.take_along_axis(counts, inside, axis=1)) - level[:, None]
-    sound = np.repeat(usable, rows) & (at >= 0).all(axis=1) & (at < cols).all(axis=1) & np.isfinite(level)
+    peak = _peaks(counts, good, half, max(returns, 1))
+    shape = (frames, rows, peak.shape[1])
+    at = peak[:, :, None] + np.arange(-half, half + 1)
+    inside = np.clip(at, 0, cols - 1).reshape(len(peak), -1)
+    level = np.repeat(level, shape[2])
+    z = scale.electrons(np.take_along_axis(counts, inside, axis=1)).reshape(level.size, -1) - level[:, None]
+    sound = np.repeat(usable, rows * shape[2]) & ((at >= 0) & (at < cols)).all(axis=2).ravel() & np.isfinite(level)
     if good is not None:
-        sound &= np.take_along_axis(good, inside, axis=1).all(axis=1)
+        sound &= np.take_along_axis(good, inside, axis=1).reshape(level.size, -1).all(axis=1)
     with np.errstate(invalid="ignore"):
         sound &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + np.maximum(level, 0.0))
     z = np.where(sound[:, None], z, 0.0)
-    return Windows(z, peak, np.where(sound, level, 0.0), level, scale.floor_e2, sound, (frames, rows), rig)
+    return Windows(z, peak.ravel(), np.where(sound, level, 0.0), level, scale.floor_e2, sound, shape, rig)
+
+
+def _peaks(counts: npt.NDArray[np.generic], good: Bool | None, half: int, returns: int) -> npt.NDArray[np.int64]:
+    """Columns (n, returns) of the brightest sound pixels, each more than `half` pixels from those before it."""
+    if good is None and returns == 1:
+        return np.asarray(counts.argmax(axis=1))[:, None]
+    left = np.asarray(counts, np.float64) if good is None else np.where(good, counts, -np.inf)
+    found = []
+    column = np.arange(counts.shape[1])
+    for number in range(returns):
+        if number:
+            left = np.where(np.abs(column - found[-1][:, None]) <= half, -np.inf, left)
+        found.append(left.argmax(axis=1))
+    return np.stack(found, axis=1)
 
 
 @dataclass(frozen=True)
@@ -136,7 +156,7 @@ class _Scale:
 
 
 def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None = None) -> xr.Dataset:
-    """The result of the stage `line` with one return: position [px] from the peak (n) and its standard error [px] (n).
+    """The result of the stage `line`: position [px] from the peak (n) and its standard error [px] (n).
 
     Invalid where the window is not sound, or where the answer left it.
     """
@@ -144,7 +164,7 @@ def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None 
         valid = windows.sound & (np.abs(position) <= windows.half)
     if good is not None:
         valid = valid & good
-    shape = (*windows.shape, 1)
+    shape = windows.shape
     return stage_result(
         "line", column=(windows.peak + position).reshape(shape), sigma=sigma.reshape(shape), valid=valid.reshape(shape)
     )
