@@ -7,8 +7,8 @@ A camera's ray meets a thin sheet once, at X, so that light scattered once there
 r from the laser to X, s from X to the camera, ψ the angle turned through, θ between ray and sheet. It is seen where X lies before
 what the ray hits, and where nothing stands between laser and X.
 
-The halo is the line's own light, displaced by small angles on its way out and back: the image convolved with the two-way point spread
-of `optics.water.halo` after b(r₁ + r₂) scattering lengths, as for surfaces that stand as far away as the line does.
+The halo is the line's own light, displaced by small angles on its way out and back: the image convolved with the two-way point
+spread of `optics.water.halo` after b(r₁ + r₂) scattering lengths, as for surfaces that stand as far away as the line does.
 """
 
 from __future__ import annotations

@@ -112,6 +112,8 @@ class Tracer:
         No ray slips through a seam of a closed surface: what rays 2 µrad to both sides hit in front, it hits.
         """
         count = direction.shape[1]
+        if not count:
+            return Hits(np.zeros(0), np.zeros((3, 0)), np.zeros(0, np.int32), np.zeros(0))
         start = np.asarray(origin, dtype=np.float64).reshape(3, -1)
         parts = [
             self._launch(_part(start, i), direction[:, i : i + _RAYS_PER_LAUNCH])
