@@ -1,4 +1,4 @@
-"""Make the pictures and the table of docs/laser-line.md from a run of the suite laser-line: python docs/laser_line.py RUN_FOLDER."""
+"""Pictures and table of docs/laser-line.md, from a run of the suite laser-line: python docs/laser_line.py RUN_FOLDER."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ def pictures(folder: Path) -> None:
     """Frames of the scenes: the line alone, and in water that scatters, each by the root of its light."""
     coastal = {"name": "coastal", "index": {"kind": "water", "temperature_c": 15.0, "salinity_psu": 33.0},
                "water_type": {"source": "petzold1972", "type": "coastal", "wavelength_m": 532e-9}}  # fmt: skip
-    scenes = {"laser-line": load_scene("spotscan-wall"), "laser-line-coastal": load_scene("spotscan-wall", {"medium": coastal})}
+    scenes = {
+        "laser-line": load_scene("spotscan-wall"),
+        "laser-line-coastal": load_scene("spotscan-wall", {"medium": coastal}),
+    }
     for name, scene in scenes.items():
         capture = generate(scene, seed=1, fidelity="scatter", truth_electrons=True)
         shown = np.sqrt(np.maximum(capture["truth_electrons"].values[0].astype(float) - 5.0, 0.0))
@@ -29,7 +32,9 @@ def pictures(folder: Path) -> None:
 def table(run: Path) -> str:
     """Errors at full light and at a tenth of it, as Markdown."""
     scores = pd.read_csv(run / "scores.csv")
-    lines = ["| estimator | unit | rmse | bound | z | CPU µs per row | rmse at a tenth of the light | refused or failed there |"]
+    lines = [
+        "| estimator | unit | rmse | bound | z | CPU µs per row | rmse at a tenth of the light | refused or failed there |"
+    ]
     lines.append("|---" * 8 + "|")
     for (stage, name), rows in scores.groupby(["stage", "estimator"], sort=False):
         factor, unit = (1.0, "px") if stage == "line" else (1e3, "mm")
