@@ -139,7 +139,7 @@ def test_stages_without_laws_are_refused() -> None:
     def none(capture: xr.Dataset) -> xr.Dataset:
         return capture
 
-    for word in ("line", "triangulation", "centroid"):
+    for word in ("assignment", "reconstruction", "centroid"):
         with pytest.raises(InputError, match="no laws for this stage"):
             check_laws(none, word)
     with pytest.raises(InputError, match="no such stage"):

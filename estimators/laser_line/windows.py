@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -108,12 +109,12 @@ def line_windows(
     return Windows(z, peak.ravel(), np.where(sound, level, 0.0), level, scale.floor_e2, sound, shape, rig)
 
 
-def _peaks(counts: npt.NDArray[np.generic], good: Bool | None, half: int, returns: int) -> npt.NDArray[np.int64]:
+def _peaks(counts: npt.NDArray[Any], good: Bool | None, half: int, returns: int) -> npt.NDArray[np.int64]:
     """Columns (n, returns) of the brightest sound pixels, each more than `half` pixels from those before it."""
     if good is None and returns == 1:
         return np.asarray(counts.argmax(axis=1))[:, None]
     left = np.asarray(counts, np.float64) if good is None else np.where(good, counts, -np.inf)
-    found = []
+    found: list[npt.NDArray[np.int64]] = []
     column = np.arange(counts.shape[1])
     for number in range(returns):
         if number:
@@ -140,11 +141,11 @@ class _Scale:
             converter.floor_e2 / gain**2,
         )  # fmt: skip
 
-    def electrons(self, counts: npt.NDArray[np.generic]) -> Float:
+    def electrons(self, counts: npt.NDArray[Any]) -> Float:
         with np.errstate(invalid="ignore"):
             return np.asarray((np.asarray(counts, np.float64) - self.offset_dn) / self.dn_per_e)
 
-    def good(self, counts: npt.NDArray[np.generic]) -> Bool | None:
+    def good(self, counts: npt.NDArray[Any]) -> Bool | None:
         """Whether pixels are finite, neither clipped nor dead; None where all are, which two passes show."""
         if counts.dtype.kind in "ui" and counts.size:
             values = np.asarray(counts)
@@ -206,7 +207,7 @@ def _locking(windows: Windows, formula: Formula) -> Float:
     return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(table), rms)
 
 
-def _medians(counts: npt.NDArray[np.generic], good: Bool | None) -> Float:
+def _medians(counts: npt.NDArray[Any], good: Bool | None) -> Float:
     """Median [DN] of the sound pixels of every row (n); NaN where there is none.
 
     Of wide rows every k-th pixel, 256 or more of them: the median then errs by a twelfth of a pixel's noise.
