@@ -27,7 +27,7 @@ _NARROW, _WIDE = 0.12, 40.0
 
 
 def fit_profiles(
-    z: Float, level: Float, floor_e2: float, width: Float, *, weighted: bool, free_width: bool, steps: int = 60
+    z: Float, level: Float, floor_e2: float, width: Float, *, weighted: bool, free_width: bool, steps: int = 100
 ) -> tuple[Float, Float, npt.NDArray[np.bool_]]:
     """(position [px] from the middle pixel, its standard error [px], whether the fit converged), each (n).
 
@@ -98,7 +98,7 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
     grad, other = np.empty((4, size)), np.empty((4, size))
     weight = np.ones(size)
     normal, step = np.empty((4, 4)), np.empty((4, 4))
-    p, q = np.empty(4), np.empty(4)
+    p, q, slope = np.empty(4), np.empty(4), np.empty(4)
     low, high = math.log(0.12), math.log(40.0)
     for i in range(n):
         out[0, i] = np.nan
@@ -142,12 +142,15 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
                 step[3, 0] -= held * (p[3] - first)
                 normal[3, 3] += held
             for a in range(free):
+                slope[a] = step[a, 0]
                 normal[a, a] *= 1.0 + damping
                 normal[a, a] += 1e-300
             if not _solve(normal, step[:, :1], free):
                 break
+            expected = 0.0
             for a in range(4):
                 q[a] = p[a] + (step[a, 0] if a < free else 0.0)
+                expected += step[a, 0] * slope[a] if a < free else 0.0
             q[0] = min(max(q[0], p[0] - 0.5), p[0] + 0.5)
             if q[3] <= low or q[3] >= high:  # a width at its limit is held there: the others' step is another one then
                 q[3] = min(max(q[3], low), high)
@@ -162,8 +165,11 @@ def _fit(z, floor, width, weighted, free_width, prior, steps, out):  # type: ign
                 for a in range(4):
                     p[a] = q[a]
                 _model(p, x, mu, grad)
-                damping = max(damping * 0.2, 1e-12)
-                if moved < 1e-5:
+                # A step that gains much less than it should overshoots: Gauss-Newton would go to and fro across the minimum.
+                ratio = (cost - new) / expected if expected > 0.0 else 1.0
+                damping = max(damping * (4.0 if ratio < 0.25 else 0.2 if ratio > 0.75 else 1.0), 1e-12)
+                damping = max(damping, 1e-3) if ratio < 0.25 else damping
+                if moved < 1e-6 and damping < 0.1:
                     done = True
                     break
             else:
