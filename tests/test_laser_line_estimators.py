@@ -163,6 +163,24 @@ def test_several_returns_of_a_row_come_brightest_first(name: str) -> None:
     assert points["point"].shape == (2, 256, 2, 3) and points["valid"].values.all()
 
 
+def test_a_recorded_capture_has_scales_and_no_bound() -> None:
+    """Without true scene: kind "none", with 4 px, and metres that follow from the declared baseline."""
+    capture = written_capture(_scene(0.75), 2e4, 0.75, 20.0, _phases(), seed=1)
+    recorded = capture.drop_attrs().assign_attrs({**capture.attrs, "truth_kind": "none"})
+    del recorded.attrs["truth_scene"]
+    bounds = bounds_of(recorded)
+    assert {name: bound.kind for name, bound in bounds.items()} == {"column": "none", "point": "none"}
+    assert bounds["column"].scale == 4.0 and 0.01 < bounds["point"].scale < 1.0
+    assert bounds["point"].sigma.shape == capture["truth_point"].shape
+
+
+def test_frames_of_several_channels_are_refused() -> None:
+    capture = hide_truth(written_capture(_scene(0.75), 2e4, 0.75, 20.0, _phases(), seed=1))
+    colour = capture.assign(counts=capture["counts"].expand_dims(channel=3, axis=-1))
+    with pytest.raises(InputError, match="one channel"):
+        run_estimator("line-peak", colour)
+
+
 # ---------------------------------------------------------------- chains
 
 

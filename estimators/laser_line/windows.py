@@ -12,6 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...optics.sheet import gaussian_mean
+from ...scenes.errors import InputError
 from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
 from .geometry import declared_geometry
@@ -83,11 +84,17 @@ def line_windows(
 
         returns: windows per row, the brightest first; each later one lies outside of those before it.
 
-    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value.
+    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value, and for frames
+    of several channels.
     """
     rig = read_rig(capture, "laser_line")
     scale = _Scale.of(rig)
     counts = np.asarray(capture["counts"].values)
+    if counts.ndim != 3:
+        raise InputError(
+            "Line finders read frames of one channel.", where="counts", value=capture["counts"].dims,
+            allowed="frame, row, col", next_step="select a channel, or average over them",
+        )  # fmt: skip
     frames, rows, cols = counts.shape
     counts = counts.reshape(-1, cols)
     usable = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
