@@ -1,5 +1,7 @@
 """Labels of estimators: ``name[key=value,...]`` with keys sorted, and parameters checked against the signature.
 
+A chain of stages is labelled by the names of its links, ``first+second[key=value,...]``.
+
 A score table holds a label in two columns, the name and the text of the parameters; `label_of` and `split_label` go from
 one form to the other. No other code puts a label together or takes one apart.
 """
@@ -18,9 +20,11 @@ from typing import Any, Literal
 
 from ..scenes.errors import InputError
 
-__all__ = ["check_parameters", "format_label", "label_of", "parse_label", "split_label"]
+__all__ = ["LINK", "check_parameters", "format_label", "label_of", "links_of", "parse_label", "split_label"]
 
-_LABEL = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*(?:\[[^\[\]]*\])?$")
+#: What joins the links of a chain.
+LINK = "+"
+_LABEL = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*(?:\+[A-Za-z0-9][A-Za-z0-9._-]*)*(?:\[[^\[\]]*\])?$")
 _KEY = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*$")
 
 
@@ -41,6 +45,11 @@ def split_label(label: str) -> tuple[str, str]:
 def label_of(name: str, params: str) -> str:
     """The label of a name and the text of its parameters ("key=value,..." or ""); a name that is a label already stays."""
     return f"{name}[{params}]" if params and "[" not in name else name
+
+
+def links_of(name: str) -> list[str]:
+    """The names of a chain's links; the name itself where it is no chain."""
+    return name.split(LINK)
 
 
 def parse_label(label: str) -> tuple[str, dict[str, Any]]:

@@ -17,7 +17,8 @@ from ..captures.quantities import Stage
 from ..scenes.errors import InputError
 from ..scenes.forks import refuse_forked
 from .builtin import BUILTIN, WITHHELD
-from .labels import check_parameters, format_label, parse_label
+from .chain import chained_function, check_chain
+from .labels import LINK, check_parameters, format_label, links_of, parse_label
 from .result import check_result
 from .rig import read_rig
 
@@ -33,7 +34,8 @@ class Estimator:
     """A registered algorithm: `function(capture, **params) -> Dataset`, its stage, and the source that it cites.
 
     needs: pairs of a path in the declared rig and the value that it must have ("detector.readout.kind", "single-photon");
-    captures of other instruments are refused.
+    captures of other instruments are refused. links: the estimators of a chain, whose last one gives the stage.
+    joint: whether an answer depends on other elements than its own, e.g. on the rows beside it.
     """
 
     name: str
@@ -41,6 +43,13 @@ class Estimator:
     cites: str
     function: Callable[..., xr.Dataset]
     needs: tuple[tuple[str, str], ...] = ()
+    links: tuple[Estimator, ...] = ()
+    joint: bool = False
+
+    @property
+    def reads_captures(self) -> bool:
+        """Whether it reads captures: by its stage, or because it is a chain."""
+        return bool(self.links) or self.stage.reads_captures
 
     @property
     def modality(self) -> str:
@@ -66,10 +75,11 @@ class Estimator:
         """Run on a capture; parameters and result are checked. Raises InputError."""
         refuse_forked()
         checked = check_parameters(self.function, params, where=self.name)
-        if not self.stage.reads_captures:
+        if not self.reads_captures:
             raise InputError(
                 f"Estimator {self.name} reads results of another stage, not captures.", where=f"stage {self.stage.word}",
                 value=", ".join(self.stage.takes), allowed="an estimator whose stage reads captures",
+                next_step=f"put one before it that gives its input: FIRST{LINK}{self.name}",
             )  # fmt: skip
         modality = str(capture.attrs.get("modality", ""))
         if modality != self.modality:
@@ -84,7 +94,9 @@ class Estimator:
         return check_result(self.function(capture, **checked), capture, self.name, self.stage)
 
 
-def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None) -> Callable[[_F], _F]:
+def estimator(
+    stage: str, *, cites: str, needs: Mapping[str, str] | None = None, joint: bool = False
+) -> Callable[[_F], _F]:
     """Mark a function as an estimator.
 
     Main arguments:
@@ -93,6 +105,8 @@ def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None)
     Other arguments:
         needs: {path in the declared rig: value} without which the method has no meaning. Captures of other instruments are
             refused with that reason; a suite shows them as skipped.
+        joint: whether an answer depends on other elements than its own (smoothing along a line); such an estimator is not held
+            to the laws of independent elements.
 
     Raises InputError for an unknown stage or an empty `cites`.
     """
@@ -108,7 +122,7 @@ def estimator(stage: str, *, cites: str, needs: Mapping[str, str] | None = None)
             )  # fmt: skip
 
     def mark(function: _F) -> _F:
-        setattr(function, _MARK, (word, cites, tuple(sorted((needs or {}).items()))))
+        setattr(function, _MARK, (word, cites, tuple(sorted((needs or {}).items())), joint))
         return function
 
     return mark
@@ -150,12 +164,15 @@ def _describe(name: str, function: Any, where: str) -> Estimator:
             value=function,
             allowed='a function under @estimator("gated", cites="...")',
         )
-    word, cites, needs = cast("tuple[str, str, tuple[tuple[str, str], ...]]", mark)
-    return Estimator(name=name, stage=stage_of(word), cites=cites, function=function, needs=needs)
+    word, cites, needs, joint = cast("tuple[str, str, tuple[tuple[str, str], ...], bool]", mark)
+    return Estimator(name=name, stage=stage_of(word), cites=cites, function=function, needs=needs, joint=joint)
 
 
 def get_estimator(name: str) -> Estimator:
-    """The estimator called `name`. Raises InputError where it is unknown, withheld, unmarked or cannot be imported."""
+    """The estimator called `name`, or the chain `first+second`. Raises InputError where one is unknown, withheld, unmarked or
+    cannot be imported, or where the links do not follow each other."""
+    if LINK in name:
+        return _chain(tuple(get_estimator(part) for part in links_of(name)))
     targets = _targets()
     if name not in targets and name in WITHHELD:
         why, ours = WITHHELD[name]
@@ -185,6 +202,15 @@ def get_estimator(name: str) -> Estimator:
             next_step="check the plug-in package",
         ) from error
     return _describe(name, function, targets[name])
+
+
+def _chain(links: tuple[Estimator, ...]) -> Estimator:
+    check_chain(links)
+    needs = tuple(dict.fromkeys(need for link in links for need in link.needs))
+    cites = "; ".join(link.cites for link in links)
+    name = LINK.join(link.name for link in links)
+    joint = any(link.joint for link in links)
+    return Estimator(name, links[-1].stage, cites, chained_function(links), needs, links, joint)
 
 
 def list_estimators(modality: str | None = None) -> tuple[str, ...]:

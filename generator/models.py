@@ -16,6 +16,7 @@ MODELS: dict[str, str] = {
     "gated": "beambench.generator.gated.model:MODEL",
     "waveform": "beambench.generator.ranger.waveform:MODEL",
     "amcw": "beambench.generator.ranger.amcw:MODEL",
+    "laser_line": "beambench.generator.laser_line.model:MODEL",
 }
 
 

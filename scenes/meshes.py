@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..optics.rotation import rotation_matrix
 from .errors import InputError
 from .readers.mesh_file import read_mesh_file
 from .readers.surface import Surface
@@ -15,7 +16,7 @@ from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
 from .spec_files import LIBRARY
 
 __all__ = [
-    "MeshArrays", "load_grid", "measure_shape", "mesh_uv", "read_array", "resolve_file", "rotation_matrix", "shape_mesh",
+    "MeshArrays", "load_grid", "measure_shape", "mesh_uv", "read_array", "resolve_file", "shape_mesh",
 ]  # fmt: skip
 
 #: Vertices (n, 3) in metres, camera frame; faces (m, 3), counter-clockwise seen from outside or from the camera.
@@ -46,16 +47,6 @@ def resolve_file(name: str, where: str) -> Path:
     if path.stat().st_size > _MAX_FILE_BYTES:
         raise InputError("The file is too large.", where=where, value=path.stat().st_size, allowed="up to 2 GiB")
     return path
-
-
-def rotation_matrix(rotation_deg: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Right-handed rotation about x, then y, then z (fixed axes): R = Rz Ry Rx."""
-    ax, ay, az = np.deg2rad(rotation_deg)
-    cx, sx, cy, sy, cz, sz = np.cos(ax), np.sin(ax), np.cos(ay), np.sin(ay), np.cos(az), np.sin(az)
-    rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return np.asarray(rz @ ry @ rx)
 
 
 def shape_mesh(shape: Shape, where: str) -> MeshArrays:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..optics.rotation import rotation_matrix
 from .errors import InputError
 from .medium import WaterIndex
-from .meshes import rotation_matrix
 from .rigs import rig_kind
 from .scene import Scene, TargetObject
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Sphere

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from ..optics.rotation import rotation_matrix
 from .base import Spec
 from .errors import InputError
-from .meshes import load_grid, read_array, resolve_file, rotation_matrix
+from .meshes import load_grid, read_array, resolve_file
 from .readers.png import png_damage
 from .shapes import HeightGrid, Rectangle, Sphere
 

@@ -19,6 +19,7 @@ from beambench.benchmarks.reproduce import (
     combined,
     deviation,
     objects,
+    pixel_patch,
     ranger,
     reflection,
     stacks,
@@ -280,6 +281,10 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> None:
     with (project / "docs" / "coverage.csv").open(newline="", encoding="utf-8") as file:
         covered = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "000"}
+    with (project / "docs" / "coverage.csv").open(newline="", encoding="utf-8") as file:
+        other = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "001"}
+    for item in pixel_patch.ITEMS:
+        assert other[item] == weakest(r.verdict for r in done.rows if r.item == item), item
     wanted = [f"Eq. {n}" for n in range(1, 26)] + [f"Figure {n}" for n in range(1, 10)] + ["Table 1"]
     wanted = [item for item in wanted if covered[item] != "nothing-to-compute"]
     assert sorted(wanted) == sorted(ITEMS)
@@ -306,7 +311,7 @@ def test_the_files(done: Any) -> None:
     assert tuple(table.columns) == COLUMNS
     assert set(table["verdict"]) == {"arithmetic", "fitted", "trend", "undetermined", "contradicted"} < set(VERDICTS)
     assert table["document"].isin(["000", "001"]).all()
-    assert set(table["item"][~table["item"].isin(ITEMS)]) == {triangular.ITEM} == set(OTHERS)
+    assert set(table["item"][~table["item"].isin(ITEMS)]) == {triangular.ITEM, *pixel_patch.ITEMS} == set(OTHERS)
     assert table["reproduced"].notna().all()
     assert set(table["published"].dropna()) == {
         8.894,
@@ -317,6 +322,7 @@ def test_the_files(done: Any) -> None:
         2.93,
         -1.0,
         2.5,
+        5.0,
     }  # as printed, and no others
     parquet = pd.read_parquet(done.out / "reproduction.parquet")
     assert list(parquet.columns) == list(COLUMNS) and len(parquet) == len(table)

@@ -22,7 +22,7 @@ SMALL = {"rig.camera.rows": 24, "rig.camera.cols": 20}
 
 
 def test_the_library_holds_scenes_of_every_kind() -> None:
-    assert {load_scene(name).modality for name in list_scenes()} == {"gated", "waveform", "amcw"}
+    assert {load_scene(name).modality for name in list_scenes()} == {"gated", "waveform", "amcw", "laser_line"}
 
 
 @pytest.mark.parametrize("name", [name for name in list_scenes() if load_scene(name).modality == "gated"])

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beambench.optics.rotation import rotation_matrix
 from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import list_scenes, load_scene
-from beambench.scenes.meshes import load_grid, measure_shape, rotation_matrix, shape_mesh
+from beambench.scenes.meshes import load_grid, measure_shape, shape_mesh
 from beambench.scenes.overrides import apply_overrides, parse_assignments
 from beambench.scenes.scene import Scene
 from beambench.scenes.spec_files import LIBRARY

@@ -8,10 +8,6 @@ __all__ = ["NOT_YET", "floors", "modalities"]
 
 #: (floor, modality) -> why the floor has no record of it yet. All other pairs have one: a test enumerates them.
 NOT_YET: dict[tuple[str, str], str] = {
-    ("scenes", "laser_line"): "the rig is not built yet",
-    ("generator", "laser_line"): "the forward model is not built yet",
-    ("estimators", "laser_line"): "no line finder is built yet",
-    ("benchmarks", "laser_line"): "scores need a forward model first",
     ("scenes", "wavefront"): "the rig is not built yet",
     ("generator", "wavefront"): "the forward model is not built yet",
     ("estimators", "wavefront"): "no centroid or reconstruction is built yet",

@@ -47,10 +47,11 @@ def estimators_check(estimator: str) -> list[LawResult]:
     """
     from ..benchmarks.laws.check import laws_of
     from ..benchmarks.laws.trial import try_laws
-    from ..estimators import BUILTIN, parse_label
+    from ..estimators import parse_label
+    from ..estimators.chain import is_built_in
 
     name, _ = parse_label(estimator)
-    if name in BUILTIN:
+    if is_built_in(name):
         _, judge = laws_of(estimator)
         return judge(None)
     return try_laws(estimator)

@@ -56,11 +56,15 @@ def moves(shift_m: float, sigma: Float) -> bool:
     return shift_m > (0.1 * least if np.isfinite(least) else 0.0)
 
 
-def unbounded(capture: xr.Dataset, scales: Callable[[DeclaredRig], tuple[float, float]]) -> Bound:
+def unbounded(
+    capture: xr.Dataset, scales: Callable[[DeclaredRig], tuple[float, float]], *, truth: str = "truth_range"
+) -> Bound:
     """The `Bound` of a capture without one: kind "none", NaN for every element.
 
     Main arguments:
         scales: declared rig -> (scale, window) in the unit of the quantity.
+    Other arguments:
+        truth: variable that holds the truth of the quantity, whose shape the bound has.
 
     Raises InputError if the declared rig lacks a required value, or states it as unknown.
     """
@@ -76,7 +80,7 @@ def unbounded(capture: xr.Dataset, scales: Callable[[DeclaredRig], tuple[float, 
             "The declared rig has no scale of failure.", where="attribute rig", value=(scale, window),
             allowed="a response and a range window above 0 m",
         )  # fmt: skip
-    return Bound(np.full(capture["truth_range"].shape, np.nan), "none", scale, window)
+    return Bound(np.full(capture[truth].shape, np.nan), "none", scale, window)
 
 
 def response_std_s(tables: list[correlation.Table]) -> float:

@@ -58,9 +58,10 @@ def check_some_read(captures: CaptureSet, chosen: Sequence[Chosen]) -> None:
     Raises:
         InputError: All of the estimators are built in and read other modalities.
     """
-    from ...estimators import BUILTIN, get_estimator
+    from ...estimators import get_estimator
+    from ...estimators.chain import is_built_in
 
-    if not all(one.name in BUILTIN for one in chosen):
+    if not all(is_built_in(one.name) for one in chosen):
         return
     read = sorted({get_estimator(one.name).modality for one in chosen})
     if captures.modality not in read:

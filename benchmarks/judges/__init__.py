@@ -14,6 +14,7 @@ JUDGES: dict[str, str] = {
     "gated": "beambench.benchmarks.judges.gated:JUDGE",
     "waveform": "beambench.benchmarks.judges.waveform:JUDGE",
     "amcw": "beambench.benchmarks.judges.amcw:JUDGE",
+    "laser_line": "beambench.benchmarks.judges.laser_line:JUDGE",
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ class Judge:
             threshold is unknown, so that the Cramér-Rao bound is used everywhere.
         calibrate: (scene, declared rig, photons of the calibration, random generators) -> the declared rig after a
             simulated, noisy calibration; None if the rig declares nothing that a calibration recovers.
+        feeders: of stages that read the results of others, by their words: label of the estimator (or chain) before them when
+            they are tried alone.
         laws: "module:object" of the record `benchmarks.laws.maker.Laws`, with which estimators are checked; "" if the
             modality has no laws.
     """
@@ -44,4 +46,5 @@ class Judge:
     scenes: tuple[str, ...]
     scan: Callable[[xr.Dataset, Scene], tuple[Scan, Elements]] | None = None
     calibrate: Callable[[Scene, dict[str, Any], Calibration, Draw], dict[str, Any]] | None = None
+    feeders: Mapping[str, str] = field(default_factory=dict)
     laws: str = ""

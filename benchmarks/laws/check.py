@@ -9,14 +9,31 @@ from importlib import import_module
 from ...captures.layouts import stage_of
 from ...captures.quantities import Stage
 from ...estimators import get_estimator, parse_label
-from ...estimators.labels import check_parameters
+from ...estimators.labels import LINK, check_parameters
 from ...scenes.errors import InputError
 from ..judges import JUDGES, judge_of
 from ..runner.estimator_labels import check_estimators
 from .maker import Laws, Maker, Run
 from .suite import LawResult, Report, judged, named
 
-__all__ = ["check_laws", "laws_of", "maker_of"]
+__all__ = ["check_laws", "fed", "laws_of", "maker_of"]
+
+
+def fed(name: str) -> str:
+    """The name of an estimator, or of the chain that feeds it where it reads the results of another stage.
+
+    Raises InputError for an unknown estimator, or for a stage that its modality names no feeder of.
+    """
+    found = get_estimator(name)
+    if found.reads_captures:
+        return name
+    feeders = judge_of(found.modality).feeders
+    if found.stage.word not in feeders:
+        raise InputError(
+            "Nothing is known that gives the input of this stage.", where=f"stage {found.stage.word}", value=name,
+            allowed=", ".join(feeders) or "a stage that reads captures",
+        )  # fmt: skip
+    return f"{feeders[found.stage.word]}{LINK}{name}"
 
 
 def check_laws(run: Run, stage: str, report: Report | None = None) -> list[LawResult]:
@@ -42,9 +59,9 @@ def laws_of(label: str) -> tuple[list[str], Callable[[Report | None], list[LawRe
     """
     (chosen,) = check_estimators([label])
     name, params = parse_label(chosen.label)
-    found = get_estimator(name)
+    found = get_estimator(fed(name))
     run = partial(found.function, **check_parameters(found.function, params, where=name))
-    laws = named(run, Maker(_laws(found.stage), found.stage, found.unfit))
+    laws = named(run, Maker(_laws(found.stage), found.stage, found.unfit, joint=found.joint))
     return list(laws), lambda report: judged(laws, report)
 
 
@@ -54,7 +71,9 @@ def maker_of(stage: str) -> Maker:
 
 
 def _laws(stage: Stage) -> Laws:
-    place = judge_of(stage.modality).laws if stage.reads_captures and stage.modality in JUDGES else ""
+    judge = judge_of(stage.modality) if stage.modality in JUDGES else None
+    tried = judge is not None and (stage.reads_captures or stage.word in judge.feeders)
+    place = judge.laws if judge is not None and tried else ""
     if not place:
         raise InputError(
             "There are no laws for this stage.", where=f"stage {stage.word}", value=stage.modality,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,8 @@ class Laws:
         later: capture -> (the capture moved in time or place, by how much the answer must change [unit of the first
             quantity of the stage]).
         step: capture -> change of the answer that belongs to one sample of the data [same unit].
+        steps: word of a stage that reads the results of another -> capture -> change of its answer that belongs to one sample
+            of the data. No law of shifts or of order is tried on such a stage.
         converter: declared rig -> the part of it, inside the same object, that holds `gain_dn_per_e`, `offset_dn` and
             `adc_bits`; None where the detector has no converter.
     """
@@ -48,6 +50,7 @@ class Laws:
     later: Callable[[xr.Dataset], tuple[xr.Dataset, float]]
     step: Callable[[xr.Dataset], float]
     converter: Callable[[dict[str, Any]], dict[str, Any] | None]
+    steps: Mapping[str, Callable[[xr.Dataset], float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -63,15 +66,18 @@ class Maker:
     """Captures for the laws of one stage, and its answers by element.
 
     Main arguments:
-        laws: of the modality. stage: of the estimator; it reads captures.
+        laws: of the modality. stage: of the estimator, which reads captures or is the last of a chain that does.
     Other arguments:
         unfit: capture -> reason why the estimator cannot read it, "" if it can.
+        joint: whether the estimator says that its answers depend on other elements than their own.
 
     Raises InputError where the estimator can read none of the captures.
     """
 
-    def __init__(self, laws: Laws, stage: Stage, unfit: Callable[[xr.Dataset], str] = lambda capture: "") -> None:
-        self.laws, self.stage, self.layout = laws, stage, layout_of(stage.modality)
+    def __init__(
+        self, laws: Laws, stage: Stage, unfit: Callable[[xr.Dataset], str] = lambda capture: "", *, joint: bool = False
+    ) -> None:
+        self.laws, self.stage, self.layout, self.joint = laws, stage, layout_of(stage.modality), joint
         reasons = []
         for make in laws.captures:
             capture = make()
@@ -94,7 +100,7 @@ class Maker:
     @property
     def step(self) -> float:
         """Change of the answer that belongs to one sample of the data."""
-        return self.laws.step(self._clean)
+        return self.laws.steps.get(self.stage.word, self.laws.step)(self._clean)
 
     @property
     def top(self) -> int:

@@ -67,9 +67,11 @@ def laws_for(maker: Maker) -> dict[str, Law]:
         "valid answers have a positive sigma": positive_sigma,
         "same answer twice": repeats,
         "leaves its input alone": leaves_input,
-        f"shift: {maker.laws.shift}": shift,
-        f"{noun}s do not depend on their order": permutation,
     }
+    if maker.stage.reads_captures:  # a later stage may know what the place of an element means, as a camera's rows do
+        laws[f"shift: {maker.laws.shift}"] = shift
+        if not maker.joint:
+            laws[f"{noun}s do not depend on their order"] = permutation
     if maker.doubled() is not None:
         laws["gain: twice the gain and the counts, the same answer"] = gain
     for name, change in SINGULARITIES.items():
@@ -78,7 +80,8 @@ def laws_for(maker: Maker) -> dict[str, Law]:
     for name, make in SPOILT.items():
         if (capture := make(maker)) is not None:
             laws[f"true or refused: {name}"] = partial(_spoilt, capture=capture)
-    laws[f"dead {noun}s leave the others alone"] = dead_elements
+    if not maker.joint:
+        laws[f"dead {noun}s leave the others alone"] = dead_elements
     return laws
 
 

@@ -44,8 +44,8 @@ WITHOUT_ROWS = {
     "Figure 9": "shapes, reflectivities and rig of the objects below are ours, so nothing can be compared",
 }
 
-#: Items of other sources, which follow.
-OTHERS = ("Wang 2013, AO 52:7399",)
+#: Items of other sources, and of Kusters 1992, which follow.
+OTHERS = ("Wang 2013, AO 52:7399", "Accuracy of 5 mm at 1 m", "Figure 3.6", "Figure 3.7")
 
 Progress = Callable[[str], None]
 
@@ -67,6 +67,7 @@ def all_rows(say: Progress | None = None) -> list[Row]:
     from .illumination import illumination_rows
     from .ladar import ladar_rows
     from .model import model_rows
+    from .pixel_patch import pixel_patch_rows
     from .ranger import ranger_rows
     from .reflection import reflection_rows
     from .surfaces import figure_2_rows
@@ -82,6 +83,7 @@ def all_rows(say: Progress | None = None) -> list[Row]:
         ("Eq. 16, 17, 25: accuracy", accuracy_rows), ("Table 1: its readings over plausible rigs", table_1_rows),
         ("Eq. 23 and 24: generated stacks", model_rows),
         ("AO 52:7399: triangular against trapezoidal profiles", triangular_rows),
+        ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows),
     )  # fmt: skip
     rows: list[Row] = []
     for name, make in parts:

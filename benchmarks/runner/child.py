@@ -132,36 +132,35 @@ def _save(result: Any, folder: Path, stage: Any, sizes: dict[str, int]) -> str:
     return ""
 
 
-def _bind(label: str) -> tuple[Callable[[Any], Any], Any, Callable[[Any], str]]:
-    """The estimator's function with the label's parameters (only its own work is timed), its stage, and a function of a
-    capture that returns the reason why the estimator cannot read it, or ""."""
+def _bind(label: str) -> tuple[Callable[[Any], Any], Any]:
+    """The estimator's function with the label's parameters (only its own work is timed), and the estimator."""
     from ...estimators.labels import check_parameters, parse_label
     from ...estimators.registry import get_estimator
 
     name, params = parse_label(label)
     chosen = get_estimator(name)
-    return (
-        partial(chosen.function, **check_parameters(chosen.function, params, where=name)),
-        chosen.stage,
-        chosen.unfit,
-    )
+    return partial(chosen.function, **check_parameters(chosen.function, params, where=name)), chosen
 
 
-def _another(stage: Any, modality: str) -> str:
-    """Reason why estimators of a stage do not read captures of a modality, or ""."""
+def _another(chosen: Any, modality: str) -> str:
+    """Reason why an estimator does not read captures of a modality, or ""."""
+    stage = chosen.stage
     if stage.modality != modality:
         return f"reads {stage.modality} captures, not {modality}"
-    return "" if stage.reads_captures else f"reads the results of another stage ({', '.join(stage.takes)}), no captures"
+    return (
+        "" if chosen.reads_captures else f"reads the results of another stage ({', '.join(stage.takes)}), no captures"
+    )
 
 
 def _home(label: str) -> str:
     """The place of a plug-in's function, as "module:function"; "" for a built-in."""
     from importlib.metadata import entry_points
 
-    from ...estimators.labels import split_label
+    from ...estimators.labels import links_of, split_label
     from ...estimators.registry import ENTRY_POINT_GROUP
 
-    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == split_label(label)[0]]
+    names = links_of(split_label(label)[0])
+    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name in names]
     return found[0] if found else ""
 
 
@@ -186,14 +185,15 @@ class _Server:
 
     def __init__(self, label: str, tell: Callable[..., None]) -> None:
         self.label, self.tell, self.warm = label, tell, False
-        self.call, self.stage, self.unfit = _bind(label)
+        self.call, self.chosen = _bind(label)
+        self.stage, self.unfit = self.chosen.stage, self.chosen.unfit
 
     def serve(self, job: dict[str, Any]) -> bool:
         """Carry out one job; return False if the estimator cannot run on this machine at all."""
         from .estimator_labels import missing_package
         from .house import house_failure
 
-        if reason := _another(self.stage, job["modality"]):
+        if reason := _another(self.chosen, job["modality"]):
             self.tell(event="skip", job=job["job"], message=reason)
             return True
         try:

@@ -67,27 +67,29 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
     import difflib
 
     from ...estimators import BUILTIN
-    from ...estimators.labels import check_parameters, format_label, parse_label, split_label
+    from ...estimators.chain import is_built_in
+    from ...estimators.labels import check_parameters, format_label, links_of, parse_label, split_label
     from ...estimators.registry import get_estimator, list_estimators
 
     known = set(list_estimators())
     chosen: list[Chosen] = []
     for label in labels:
         name, params = parse_label(label)
-        if name not in known:
-            near = difflib.get_close_matches(name, sorted(known), n=3)
+        links = links_of(name)
+        if unknown := [link for link in links if link not in known]:
+            near = difflib.get_close_matches(unknown[0], sorted(known), n=3)
             raise InputError(
                 "There is no such estimator.",
                 where="estimators",
-                value=name,
+                value=unknown[0],
                 allowed=", ".join(sorted(known)),
                 next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimators list",
             )
-        if name in BUILTIN:
+        if is_built_in(name):
             try:
                 check_parameters(get_estimator(name).function, params, where=name)
             except InputError as error:
-                if not missing_package(error, BUILTIN[name]):  # otherwise its child is skipped, with that reason
+                if not missing_package(error, BUILTIN[links[-1]]):  # otherwise its child is skipped, with that reason
                     raise
             params = {key: _file(name, key, value, beside) if key in _FILES else value for key, value in params.items()}
         full = format_label(name, params)

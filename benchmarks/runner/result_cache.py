@@ -49,7 +49,12 @@ def source_of(name: str) -> str:
     its distribution; a distribution that is installed for editing lists none, so its results are not stored.
     """
     from ...estimators import BUILTIN
+    from ...estimators.labels import links_of
 
+    links = links_of(name)
+    if len(links) > 1:
+        parts = [source_of(link) for link in links]
+        return hashlib.sha256("".join(parts).encode()).hexdigest() if all(parts) else ""
     if name in BUILTIN:
         return _rooms()
     from importlib.metadata import entry_points

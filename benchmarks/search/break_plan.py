@@ -95,7 +95,7 @@ def plan_break(
 def _modality(name: str) -> str:
     """The modality of the captures that a built-in estimator reads. This function never imports a plug-in: without named
     scenes, a plug-in is assumed to read the first modality."""
-    from ...estimators import BUILTIN
+    from ...estimators.chain import is_built_in
     from ...estimators.registry import get_estimator
 
-    return get_estimator(name).modality if name in BUILTIN else next(iter(RIGS))
+    return get_estimator(name).modality if is_built_in(name) else next(iter(RIGS))

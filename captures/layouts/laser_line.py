@@ -15,8 +15,17 @@ _LASER_LINE = (
     coord("pose", "frame pose_element", REAL, "m, rad", "pose of the rig: x, y, z in m, rotation vector in rad"),
     truth("truth_column", "frame row return", REAL, "px", "column of the line's centre"),
     truth("truth_point", "frame row return xyz", REAL, "m", "illuminated point in the camera frame"),
+    truth(
+        "truth_amplitude", "frame row return", REAL, "electron", "mean photoelectrons of the whole line in the row",
+        required=False,
+    ),
+    truth("truth_width", "frame row return", REAL, "px", "standard deviation of the line across the row", required=False),
+    truth(
+        "truth_background", "frame", REAL, "electron", "ambient, dark and scattered electrons of a pixel",
+        required=False, also=(("frame", "row", "col"),),
+    ),
     *camera_extras("frame row col"),
-)
+)  # fmt: skip
 
 _COLUMN = Quantity("column", "px", ("frame", "row", "return"), "column of the line's centre")
 _POINT = Quantity(

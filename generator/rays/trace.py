@@ -106,14 +106,18 @@ class Tracer:
             table[pointer_id] = number
         self._table = table
 
-    def trace(self, origin: tuple[float, float, float], direction: Float) -> Hits:
-        """First hits of rays from one origin along unit `direction` (3, n).
+    def trace(self, origin: tuple[float, float, float] | Float, direction: Float) -> Hits:
+        """First hits of rays along unit `direction` (3, n), from one origin or from an origin each (3, n).
 
         No ray slips through a seam of a closed surface: what rays 2 µrad to both sides hit in front, it hits.
         """
         count = direction.shape[1]
+        if not count:
+            return Hits(np.zeros(0), np.zeros((3, 0)), np.zeros(0, np.int32), np.zeros(0))
+        start = np.asarray(origin, dtype=np.float64).reshape(3, -1)
         parts = [
-            self._launch(origin, direction[:, i : i + _RAYS_PER_LAUNCH]) for i in range(0, count, _RAYS_PER_LAUNCH)
+            self._launch(_part(start, i), direction[:, i : i + _RAYS_PER_LAUNCH])
+            for i in range(0, count, _RAYS_PER_LAUNCH)
         ]
         if len(parts) == 1:
             return parts[0]
@@ -124,12 +128,12 @@ class Tracer:
             np.concatenate([p.shade for p in parts]),
         )
 
-    def _launch(self, origin: tuple[float, float, float], direction: Float, *, aside: bool = False) -> Hits:
+    def _launch(self, origin: Float, direction: Float, *, aside: bool = False) -> Hits:
         import drjit as dr
 
         mi = self._mi
         d = np.ascontiguousarray(direction, dtype=np.float32)
-        ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(mi.Float(d[0]), mi.Float(d[1]), mi.Float(d[2])))
+        ray = mi.Ray3f(_point(mi, origin), mi.Vector3f(mi.Float(d[0]), mi.Float(d[1]), mi.Float(d[2])))
         preliminary = self._scene.ray_intersect_preliminary(ray, coherent=True)
         flags = mi.RayFlags.Minimal | mi.RayFlags.UV if self._textures else mi.RayFlags.Minimal
         surface = preliminary.compute_surface_interaction(ray, flags)
@@ -148,13 +152,14 @@ class Tracer:
             self._close_vertices(origin, direction, hits)
         return hits
 
-    def _close_vertices(self, origin: tuple[float, float, float], direction: Float, hits: Hits) -> None:
+    def _close_vertices(self, origin: Float, direction: Float, hits: Hits) -> None:
         """Give rays that slipped through a vertex, in place, the hit of the ray beside them."""
         reach = hits.distance * (1.0 - _IN_FRONT)
-        slipped = self._hidden_aside(np.asarray(origin, dtype=np.float64)[:, None], direction, reach)
+        slipped = self._hidden_aside(origin, direction, reach)
         if not slipped.any():
             return
-        beside = self._launch(origin, _aside(direction[:, slipped], 1.0), aside=True)
+        own = origin if origin.shape[1] == 1 else origin[:, slipped]
+        beside = self._launch(own, _aside(direction[:, slipped], 1.0), aside=True)
         hits.distance[slipped], hits.target[slipped] = beside.distance, beside.target
         hits.normal[:, slipped], hits.shade[slipped] = beside.normal, beside.shade
 
@@ -170,7 +175,7 @@ class Tracer:
             hidden &= np.asarray(self._scene.ray_test(ray, mi.Bool(hidden)).numpy())
         return hidden
 
-    def _shade(self, origin: Any, direction: Float, distance: Float, target: NDArray[np.int32], uv: Float) -> Float:
+    def _shade(self, origin: Float, direction: Float, distance: Float, target: NDArray[np.int32], uv: Float) -> Float:
         """Values of the textures where rays hit; `uv` (2, n) of meshes, by Mitsuba."""
         shade = np.ones(distance.size)
         for number, image in self._textures.items():
@@ -181,7 +186,8 @@ class Tracer:
             if isinstance(shape, MeshFile):
                 u, v = uv[:, own]
             else:
-                point = np.asarray(origin)[:, None] + direction[:, own] * distance[own]
+                start = origin if origin.shape[1] == 1 else origin[:, own]
+                point = start + direction[:, own] * distance[own]
                 u, v = surface_uv(shape, point)
             shade[own] = bilinear(image, u, v, around=isinstance(shape, Sphere))
         return shade
@@ -207,6 +213,18 @@ class Tracer:
             far = (length - 2 * offset)[free]
             free[free] = ~self._hidden_aside(start[:, free], unit[:, free], far)
         return free
+
+
+def _part(origin: Float, begin: int) -> Float:
+    """The origins (3, n or 1) of one launch."""
+    return origin if origin.shape[1] == 1 else origin[:, begin : begin + _RAYS_PER_LAUNCH]
+
+
+def _point(mi: Any, origin: Float) -> Any:
+    """Origins (3, n or 1) for Mitsuba; a single one as a constant of the compiled code."""
+    if origin.shape[1] == 1:
+        return mi.Point3f(*origin[:, 0].tolist())
+    return mi.Point3f(*(mi.Float(c) for c in np.ascontiguousarray(origin, dtype=np.float32)))
 
 
 def _aside(direction: Float, side: float) -> Float:

@@ -14,6 +14,7 @@ RIGS: dict[str, str] = {
     "gated": "beambench.scenes.rigs.gated:KIND",
     "waveform": "beambench.scenes.rigs.waveform:KIND",
     "amcw": "beambench.scenes.rigs.amcw:KIND",
+    "laser_line": "beambench.scenes.rigs.laser_line:KIND",
 }
 
 

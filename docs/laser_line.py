@@ -1,0 +1,55 @@
+"""Pictures and table of docs/laser-line.md, from a run of the suite laser-line: python docs/laser_line.py RUN_FOLDER."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from beambench.benchmarks.report.pictures import png
+from beambench.generator.generate import generate
+from beambench.scenes.load import load_scene
+
+GREY = ("#000000", "#ffffff")
+
+
+def pictures(folder: Path) -> None:
+    """Frames of the scenes: the line alone, and in water that scatters, each by the root of its light."""
+    coastal = {"name": "coastal", "index": {"kind": "water", "temperature_c": 15.0, "salinity_psu": 33.0},
+               "water_type": {"source": "petzold1972", "type": "coastal", "wavelength_m": 532e-9}}  # fmt: skip
+    scenes = {
+        "laser-line": load_scene("spotscan-wall"),
+        "laser-line-coastal": load_scene("spotscan-wall", {"medium": coastal}),
+    }
+    for name, scene in scenes.items():
+        capture = generate(scene, seed=1, fidelity="scatter", truth_electrons=True)
+        shown = np.sqrt(np.maximum(capture["truth_electrons"].values[0].astype(float) - 5.0, 0.0))
+        (folder / f"{name}.png").write_bytes(png(shown, 0.0, float(np.sqrt(400.0)), GREY))
+
+
+def table(run: Path) -> str:
+    """Errors at full light and at a tenth of it, as Markdown."""
+    scores = pd.read_csv(run / "scores.csv")
+    lines = [
+        "| estimator | unit | rmse | bound | z | CPU µs per row | rmse at a tenth of the light | refused or failed there |"
+    ]
+    lines.append("|---" * 8 + "|")
+    for (stage, name), rows in scores.groupby(["stage", "estimator"], sort=False):
+        factor, unit = (1.0, "px") if stage == "line" else (1e3, "mm")
+        full, weak = rows[rows.level.isna()], rows[rows.level == 0.1]
+
+        def rms(values: pd.Series, factor: float = factor) -> str:
+            return f"{factor * np.sqrt((values**2).mean()):.3g}"
+
+        # Two frames of 256 rows.
+        cells = [unit, rms(full.rmse), rms(full.bound), f"{full.z_rms.mean():.2f}", f"{full.cpu_s.mean() / 512 * 1e6:.1f}",
+                 rms(weak.rmse), f"{weak.failure_rate.mean():.1%}"]  # fmt: skip
+        lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    pictures(Path(__file__).parent / "pictures")
+    print(table(Path(sys.argv[1])))

@@ -1,0 +1,53 @@
+"""Triangulation: the point where the ray of a line's centre meets the laser's plane.
+
+    X = O + d (n·(P − O))/(n·d),    σ_X = |∂X/∂c| σ_c,
+
+O and d the ray's origin and direction in the medium, P a point of the sheet and n its normal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from ..registry import estimator
+from ..result import stage_result
+from ..rig import DeclaredRig
+from .geometry import Geometry, declared_geometry
+
+__all__ = ["triangulate_air", "triangulate_pinhole_port", "triangulate_refractive"]
+
+#: Half the step [px] of the derivative by the column.
+_STEP = 1e-3
+#: Least standard error [m]: a coordinate that the column does not move is still known no better than numbers are.
+_LEAST_M = 1e-12
+
+
+@estimator("triangulation", cites="exact refraction at a flat port: A. Agrawal et al., CVPR 2012, p. 3346")
+def triangulate_refractive(lines: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
+    """Exact refraction through air, glass and water, with the port's stand-off. Returns point (frame, row, return, xyz), sigma
+    [m], valid. Invalid where the line is, or where the ray meets the plane behind port or laser."""
+    return _points(lines, declared_geometry(rig))
+
+
+@estimator("triangulation", cites="Kusters 1992, Eq. 3.20-3.32: a single interface at the pinhole")
+def triangulate_pinhole_port(lines: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
+    """Refraction at a port of no thickness at the entrance pupil: exact for no stand-off. As `triangulate_refractive`."""
+    return _points(lines, declared_geometry(rig, port="pinhole"))
+
+
+@estimator("triangulation", cites="the pinhole model in air, which leaves refraction out")
+def triangulate_air(lines: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
+    """Straight rays from the entrance pupil, as in air. As `triangulate_refractive`."""
+    return _points(lines, declared_geometry(rig, port="none"))
+
+
+def _points(lines: xr.Dataset, geometry: Geometry) -> xr.Dataset:
+    column, spread = (np.asarray(lines[name].values, np.float64) for name in ("column", "sigma"))
+    valid = np.asarray(lines["valid"].values, bool)
+    row = np.broadcast_to(np.arange(column.shape[1], dtype=np.float64)[:, None], column.shape)
+    held = np.where(valid, column, geometry.camera.col0)
+    point = geometry.points(row, held)
+    slope = (geometry.points(row, held + _STEP) - geometry.points(row, held - _STEP)) / (2.0 * _STEP)
+    sigma = np.hypot(np.abs(slope) * spread, _LEAST_M)
+    return stage_result("triangulation", point=np.moveaxis(point, 0, -1), sigma=np.moveaxis(sigma, 0, -1), valid=valid)

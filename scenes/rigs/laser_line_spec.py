@@ -1,0 +1,65 @@
+"""The spec of a laser-line rig. No physical value has a default."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from ..ambient import AmbientSpectrum, ambient_rate, without_computed
+from ..quantities import MomentTime, Rate, Velocity
+from .kind import RigSpec
+from .laser_line_parts import Distortion, Frames, SheetLaser, Window
+from .parts import Camera, Detector
+
+__all__ = ["LaserLineRig"]
+
+_Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
+#: Absent options are left out of the data.
+_OPTIONAL = ("motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px")
+
+
+class LaserLineRig(RigSpec):
+    """A laser line and its camera.
+
+    `lens_sigma_px`: the lens's point spread, a Gaussian (1 σ). `principal_offset_px`: (row, col) of the principal point from the
+    array's centre. `motion_m_per_s`, `turn_rad_per_s`: velocity and rate of turn of the whole rig, in the frame of time 0; each
+    frame is taken at once.
+    Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`.
+    """
+
+    kind: Literal["laser_line"] = "laser_line"
+    camera: Camera
+    lens_sigma_px: Annotated[float, Field(ge=0, le=50)]
+    principal_offset_px: tuple[float, float] | None = None
+    distortion: Distortion | None = None
+    port: Window
+    laser: SheetLaser
+    detector: Detector
+    frames: Frames
+    ambient_e_per_s: Rate = 0.0
+    ambient: AmbientSpectrum | None = None
+    t0_s: MomentTime
+    motion_m_per_s: Velocity | None = None
+    turn_rad_per_s: tuple[_Turn, _Turn, _Turn] | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        for key in _OPTIONAL:
+            if data.get(key) is None:
+                data.pop(key, None)
+        return without_computed(data)
+
+    @model_validator(mode="after")
+    def _ambient_is_given_once(self) -> LaserLineRig:
+        camera = self.camera
+        pixel = camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, pixel, camera.quantum_efficiency)
+        return self
+
+    @property
+    def wavelength_m(self) -> float:
+        """Vacuum wavelength of the laser, m."""
+        return self.laser.wavelength_m
