@@ -149,6 +149,7 @@ report: --json <flag> default False
 report: FOLDER <text> required
 reproduce: --debug <flag> default False
 reproduce: --json <flag> default False
+reproduce: --only <{000,001}> default None
 reproduce: --out -o <text> default None
 reproduce: --overwrite <flag> default False
 reproduce: --pictures --no-pictures <flag> default True

@@ -59,5 +59,6 @@ REPRODUCE = command(
     progress=lines,
     examples="""Examples:
   beambench reproduce
+  beambench reproduce --only 001
   beambench reproduce -o reproduction --no-pictures --json""",
 )

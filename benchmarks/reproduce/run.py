@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..folders.files import write_atomic, write_json, write_text
-from .rows import COLUMNS, Row
+from .rows import COLUMNS, DOCUMENTS, Row
 
 __all__ = ["ITEMS", "OTHERS", "WITHOUT_ROWS", "Reproduction", "all_rows", "reproduce", "to_csv"]
 
@@ -60,8 +60,11 @@ class Reproduction:
     wall_s: float
 
 
-def all_rows(say: Progress | None = None) -> list[Row]:
-    """Every row, ordered by item as in the document, those of other sources last. Deterministic: all seeds are fixed."""
+def all_rows(say: Progress | None = None, only: str | None = None) -> list[Row]:
+    """Every row, ordered by item as in the document, those of other sources last. Deterministic: all seeds are fixed.
+
+    `only`: the document whose rows are computed, "000" or "001"; all by default.
+    """
     from .accuracy import accuracy_rows
     from .deviation import deviation_rows
     from .illumination import illumination_rows
@@ -74,6 +77,7 @@ def all_rows(say: Progress | None = None) -> list[Row]:
     from .table_1 import table_1_rows
     from .triangular import triangular_rows
 
+    kusters: tuple[str, Callable[[], list[Row]]] = ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows)
     parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("Eq. 1-6, 19 and 22: received power", ladar_rows), ("Figure 2: reflection model", figure_2_rows),
         ("Figures 3 and 4: photodetector, reflectivity and incidence", reflection_rows),
@@ -83,8 +87,8 @@ def all_rows(say: Progress | None = None) -> list[Row]:
         ("Eq. 16, 17, 25: accuracy", accuracy_rows), ("Table 1: its readings over plausible rigs", table_1_rows),
         ("Eq. 23 and 24: generated stacks", model_rows),
         ("AO 52:7399: triangular against trapezoidal profiles", triangular_rows),
-        ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows),
     )  # fmt: skip
+    parts = {None: (*parts, kusters), "000": parts, "001": (kusters,)}[only]
     rows: list[Row] = []
     for name, make in parts:
         if say is not None:
@@ -118,11 +122,14 @@ def _write_parquet(path: Path, rows: list[Row]) -> None:
     pq.write_table(pa.Table.from_arrays(arrays, names=list(COLUMNS)), path)
 
 
-def reproduce(out: Path, *, pictures: bool = True, say: Progress | None = None) -> Reproduction:
+def reproduce(
+    out: Path, *, only: str | None = None, pictures: bool = True, say: Progress | None = None
+) -> Reproduction:
     """Compute all rows and write reproduction.csv, .parquet and .html, run.json, and pictures/ into the folder `out`.
 
     Other arguments:
-        pictures: add charts and pictures of the objects; without them the page has only tables.
+        only: the document whose rows are computed, "000" or "001".
+        pictures: add charts and pictures of the objects of "000"; without them the page has only tables.
         say: called with the name of each part.
     Raises:
         InputError: the folder cannot be written.
@@ -131,7 +138,8 @@ def reproduce(out: Path, *, pictures: bool = True, say: Progress | None = None) 
     from .page import render_page
 
     start = time.perf_counter()
-    rows = all_rows(say)
+    rows = all_rows(say, only)
+    pictures = pictures and only != "001"
     charts: dict[str, bytes] = {}
     objects: dict[str, tuple[str, bytes]] = {}
     if pictures:
@@ -153,9 +161,12 @@ def reproduce(out: Path, *, pictures: bool = True, say: Progress | None = None) 
         for name, image in (named | {name: image for name, (_, image) in objects.items()}).items():
             _write_bytes(out / "pictures" / f"{name}.png", image)
     page = out / "reproduction.html"
-    write_text(page, render_page(rows, charts, objects, (*ITEMS, *OTHERS), WITHOUT_ROWS))
+    there = {row.item for row in rows}
+    names = [name for name in (*ITEMS, *OTHERS) if name in there or (only != "001" and name in WITHOUT_ROWS)]
+    write_text(page, render_page(rows, charts, objects, names, WITHOUT_ROWS))
     wall = time.perf_counter() - start
-    write_json(out / "run.json", {"verb": "reproduce", "document": "000", "wall_s": round(wall, 3), "rows": len(rows),
+    document = only or ", ".join(DOCUMENTS)
+    write_json(out / "run.json", {"verb": "reproduce", "document": document, "wall_s": round(wall, 3), "rows": len(rows),
                                   "machine": machine(), "versions": versions()})  # fmt: skip
     return Reproduction(out, rows, page, wall)
 
