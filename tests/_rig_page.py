@@ -8,9 +8,12 @@ from pathlib import Path
 from beambench.estimators.amcw.declared import AMCW_KEYS
 from beambench.estimators.declared import Key
 from beambench.estimators.gated.tools.declared import GATED_KEYS
+from beambench.estimators.laser_line.declared import LASER_LINE_KEYS
 from beambench.estimators.waveform.declared import WAVEFORM_KEYS
 
-TABLES: dict[str, tuple[Key, ...]] = {"gated": GATED_KEYS, "waveform": WAVEFORM_KEYS, "amcw": AMCW_KEYS}
+TABLES: dict[str, tuple[Key, ...]] = {
+    "gated": GATED_KEYS, "waveform": WAVEFORM_KEYS, "amcw": AMCW_KEYS, "laser_line": LASER_LINE_KEYS,
+}  # fmt: skip
 
 
 def row(key: Key) -> str:

@@ -11,7 +11,9 @@ import numpy.typing as npt
 from ...optics.pinhole import Pinhole
 from ...optics.port import FlatPort
 from ...optics.sheet import Sheet, meeting
+from ..declared import check_keys
 from ..rig import DeclaredRig
+from .declared import LASER_LINE_KEYS
 
 __all__ = ["Geometry", "declared_geometry"]
 
@@ -57,6 +59,7 @@ def declared_geometry(rig: DeclaredRig, *, port: str = "declared") -> Geometry:
 
     Raises InputError where the rig lacks a value or holds one that cannot be used.
     """
+    check_keys(rig, LASER_LINE_KEYS)
     return _geometry(rig, port)
 
 

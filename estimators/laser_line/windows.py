@@ -13,8 +13,10 @@ import xarray as xr
 
 from ...optics.sheet import gaussian_mean
 from ...scenes.errors import InputError
+from ..declared import check_keys
 from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
+from .declared import LASER_LINE_KEYS
 from .geometry import declared_geometry
 
 __all__ = ["Formula", "Windows", "answered", "line_windows", "with_locking"]
@@ -88,6 +90,7 @@ def line_windows(
     of several channels.
     """
     rig = read_rig(capture, "laser_line")
+    check_keys(rig, LASER_LINE_KEYS)
     scale = _Scale.of(rig)
     counts = np.asarray(capture["counts"].values)
     if counts.ndim != 3:

@@ -1,0 +1,50 @@
+"""The values of the declared rig that laser-line estimators read."""
+
+from __future__ import annotations
+
+from ..declared import Key
+
+__all__ = ["LASER_LINE_KEYS"]
+
+_ALL = "all"
+_FLAT = ("port.kind", "flat")
+
+LASER_LINE_KEYS = (
+    Key("camera.rows", "whole", "1", "rows of the image", _ALL),
+    Key("camera.cols", "whole", "1", "columns of the image", _ALL),
+    Key("camera.focal_length_m", "number", "m", "focal length, in the medium where there is no port", _ALL, above=0),
+    Key("camera.pixel_pitch_m", "number", "m", "distance of neighbouring pixels", _ALL, above=0),
+    Key("camera.principal_row_px", "number", "px", "row of the optical axis", _ALL),
+    Key("camera.principal_col_px", "number", "px", "column of the optical axis", _ALL),
+    Key("camera.distortion", "numbers", "1", "Brown's k1, k2, p1, p2, k3; zeros where there is none", _ALL, length=5),
+    Key("port.kind", "word", "1", "the window that the camera looks through", _ALL, words=("none", "flat")),
+    Key("port.stand_off_m", "number", "m", "entrance pupil to window", _ALL, case=_FLAT, least=0),
+    Key("port.thickness_m", "number", "m", "thickness of the window", _ALL, case=_FLAT, least=0),
+    Key("port.inside_index", "number", "1", "refractive index on the camera's side", _ALL, case=_FLAT, least=1),
+    Key("port.glass_index", "number", "1", "refractive index of the window", _ALL, case=_FLAT, least=1),
+    Key("medium.phase_index", "number", "1", "refractive index of the medium at the laser's wavelength", _ALL, case=_FLAT, least=1),
+    Key("laser.position_m", "numbers", "m", "x, y, z of the laser in the camera frame", _ALL, length=3),
+    Key("laser.normal", "numbers", "1", "unit vector across the sheet", _ALL, length=3),
+    Key("laser.axis", "numbers", "1", "unit vector along the middle of the sheet, away from the laser", _ALL, length=3),
+    Key("laser.waist_m", "number", "m", "full 1/e² thickness of the sheet at its waist", _ALL, above=0),
+    Key("laser.waist_at_m", "number", "m", "distance of the waist from the laser", _ALL, least=0),
+    Key("laser.divergence_rad", "number", "rad", "full 1/e² divergence of the sheet in the medium", _ALL, least=0),
+    Key("laser.fan_half_angle_rad", "number", "rad", "half the angle over which the sheet is spread, in the medium", _ALL, above=0),
+    Key("lens_sigma_px", "number", "px", "1 σ of the lens's point spread", _ALL, least=0),
+    Key("detector.gain_dn_per_e", "number", "DN/electron", "counts per electron", _ALL, above=0),
+    Key("detector.offset_dn", "number", "DN", "count without light", _ALL),
+    Key("detector.read_noise_e", "number", "electron", "rms read noise of a pixel", _ALL, least=0),
+    Key(
+        "detector.full_well_e", "number", "electron", "electrons at which a pixel is full", _ALL, above=0,
+        unknown="the converter's top is the limit",
+    ),
+    Key(
+        "detector.adc_bits", "whole", "1", "bits of the converter: counts end at 2^bits − 1", _ALL, most=53,
+        unknown="the full well is the limit; refused if that is unknown too",
+    ),
+    Key("detector.intensifier.gain", "number", "1", "gain before the read noise", _ALL, within="detector.intensifier", above=0),
+    Key(
+        "detector.intensifier.excess_noise_factor", "number", "1", "excess noise factor F²", _ALL, within="detector.intensifier",
+        above=0,
+    ),
+)  # fmt: skip
