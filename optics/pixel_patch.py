@@ -1,8 +1,10 @@
 """Triangulation and its predicted error as printed: Kusters 1992, Eq. 3.20 to 3.36, a port without thickness at the pinhole.
 
-Camera frame as printed: x_c along the baseline's side of the sensor, y_c along the line, z_c forward; here x, y, z. The camera is
-turned by α toward the laser, which lies at distance b and shines along the z axis of its own frame. The scan garbles most symbols;
-they are read with the derivation around them. `optics.port` holds the same for a port with stand-off and thickness.
+The printed camera frame (Fig. 3.1) has x_c along the optical axis, y_c across and z_c along the line; here (d₁, d₂, d₃) =
+(−d_y, d_z, d_x). The camera is turned by α toward the laser, which lies at distance b; Eq. 3.31-3.32 are read with that turn
+applied (Eq. 3.24-3.25), and d_y − w/2 of Eq. 3.33-3.34 as the far corner, which the text asks for: the pixel coordinate on
+the sensor, opposite to the ray's. The scan garbles most symbols; they are read with the derivation around them. `optics.port`
+holds the same for a port with stand-off and thickness.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class FlatPort:
 def through_port(x: ArrayLike, y: ArrayLike, port: FlatPort) -> tuple[Float, Float]:
     """(origin on the outer surface [m], unit direction outside), each (3, …), of rays that leave the pupil along (x, y, 1).
 
-    Rays that are reflected totally (an index outside or of the glass below that inside) hold NaN.
+    Rays that are reflected totally (an index outside or of the glass below that inside) hold a NaN in origin or direction.
     """
     x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
     square = x * x + y * y

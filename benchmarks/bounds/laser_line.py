@@ -50,8 +50,8 @@ def laser_line_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     """The bounds of `column` [px] and `point` [m] of a generated capture.
 
     `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU), where the rig moves, where scattered light varies along the row,
-    or where a row has several returns, whose light may overlap; "none" without true scene and amplitude. Raises InputError for an
-    invalid true scene.
+    where a row has several returns, whose light may overlap, or only a part of a line, and where a line is slanted; "none"
+    without true scene and amplitude. Raises InputError for an invalid true scene.
     """
     if not bounded(capture, "truth_amplitude", "truth_width", "truth_background"):
         return _none(capture)
@@ -61,7 +61,7 @@ def laser_line_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     amplitude, width = (np.asarray(capture[f"truth_{name}"].values, np.float64) for name in ("amplitude", "width"))
     sigma = column_sigma(amplitude, width, _levels(capture, truth, rig), line_noise(rig))
     flat = capture["truth_background"].ndim == 1
-    kind = "exact" if _plain(rig) and flat and truth.shape[2] == 1 else "quasi"
+    kind = "exact" if _plain(rig) and flat and truth.shape[2] == 1 and _whole(truth, width) else "quasi"
     index = phase_index(scene.medium, rig.wavelength_m)
     slope = _slopes(line_camera(rig, index), line_sheet(rig, index), truth)
     column = Bound(np.where(np.isfinite(truth), sigma, np.nan), kind, _SCALE_PX, float(rig.camera.cols))
@@ -117,6 +117,19 @@ def _levels(capture: xr.Dataset, truth: Float, rig: LaserLineRig) -> Float:
 def _plain(rig: LaserLineRig) -> bool:
     still = not any(rig.motion_m_per_s or ()) and not any(rig.turn_rad_per_s or ())
     return still and rig.detector.prnu == 0 and rig.detector.dsnu_e == 0
+
+
+def _whole(column: Float, width: Float) -> bool:
+    """Whether every row of a lit frame holds a line over all its height, with a profile that its slant does not change.
+
+    A line that ends in a row leaves the row beside it empty. A slant of k columns per row spreads the profile evenly over k: its
+    variance k²/12 must be below a fiftieth of the whole.
+    """
+    held = np.isfinite(column[..., 0])
+    if (held.any(axis=1) & ~held.all(axis=1)).any():
+        return False
+    slant = np.diff(column[..., 0], axis=1)
+    return not bool((slant**2 / 12.0 > 0.02 * width[:, 1:, 0] ** 2).any())
 
 
 def _slopes(camera: Pinhole, sheet: Sheet, column: Float) -> Float:

@@ -15,7 +15,7 @@ __all__ = ["JUDGE"]
 
 
 def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
-    """The true column [px] and point [m]. Every lit surface of a row is a return of its own, the brightest first."""
+    """The true column [px] and point [m]. Every lit surface of a row is a return of its own, that of the brightest pixel first."""
     return {name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in ("column", "point")}
 
 

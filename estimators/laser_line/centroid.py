@@ -59,4 +59,4 @@ def line_window_centroid(capture: xr.Dataset, *, reach: int = 2, least_sigmas: f
     Returns column, sigma [px], valid (frame, row, return), as `line_centroid`.
     """
     windows = line_windows(capture, least_sigmas=least_sigmas)
-    return with_locking(windows, partial(_within, reach=int(np.clip(reach, 1, windows.half))))
+    return with_locking(windows, partial(_within, reach=int(np.clip(reach, 1, windows.half))), follows_peak=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 import xarray as xr
 
 from ..registry import estimator
@@ -36,9 +37,10 @@ def line_erf(
 def line_ml(
     capture: xr.Dataset, *, width: Literal["fitted", "declared"] = "fitted", returns: int = 1, least_sigmas: float = 5.0
 ) -> xr.Dataset:
-    """As `line_erf` with weights 1/(μ_j + σ_read² + 1/12 DN²): quasi-maximum likelihood for shot and read noise.
+    """As `line_erf` with weights 1/V_j, V = F²μ + σ_read² + 1/12 DN²: quasi-maximum likelihood for shot and read noise.
 
-    Returns column, sigma [px], valid (frame, row, return). sigma² = (F⁻¹)_cc, F = Σ ∇μ∇μᵀ/V.
+    Returns column, sigma [px], valid (frame, row, return). sigma² = (N⁻¹MN⁻¹)_cc with M = Σ ∇μ∇μᵀ/V, and N = M but for what is
+    known of ln s beforehand.
     """
     return _fitted(capture, width, returns, least_sigmas, weighted=True)
 
@@ -46,6 +48,8 @@ def line_ml(
 def _fitted(capture: xr.Dataset, width: str, returns: int, least_sigmas: float, *, weighted: bool) -> xr.Dataset:
     windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns)
     position, sigma, good = fit_profiles(
-        windows.z, windows.level, windows.floor_e2, windows.width(), weighted=weighted, free_width=width == "fitted"
-    )
-    return answered(windows, position, sigma, good)
+        windows.z, windows.level, windows.floor_e2 / windows.excess, windows.width(), weighted=weighted,
+        free_width=width == "fitted",
+    )  # fmt: skip
+    # The fit is that of variances μ + floor/F²; those of the pixels are F² as large.
+    return answered(windows, position, sigma * np.sqrt(windows.excess), good)

@@ -45,7 +45,7 @@ def line_parabola(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Datas
     Returns column, sigma [px], valid (frame, row, return). sigma: noise and pixel locking, .091 px rms for a line of σ = .5 px.
     Invalid where the peak is not `least_sigmas` above the row's noise, or where the window holds a bad pixel.
     """
-    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _parabola)
+    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _parabola, follows_peak=True)
 
 
 @estimator(
@@ -57,4 +57,4 @@ def line_log_gaussian(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.D
     Returns column, sigma [px], valid (frame, row, return), as `line_parabola`. Invalid also where a neighbour is not above the
     background.
     """
-    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _log_gaussian)
+    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _log_gaussian, follows_peak=True)

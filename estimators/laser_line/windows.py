@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.special import ndtr
 
 from ...optics.sheet import gaussian_mean
 from ...scenes.errors import InputError
@@ -40,7 +41,8 @@ class Windows:
     """The windows of all frames, n = frames · rows · returns; `shape` is these three.
 
     z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
-    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light.
+    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light;
+    excess: F², the variance of light over its mean.
     sound (n): rows of usable frames whose window lies within the image and holds no bad pixel, and whose peak is above
     `least_sigmas` of the noise.
     """
@@ -50,6 +52,7 @@ class Windows:
     level: Float
     row_level: Float
     floor_e2: float
+    excess: float
     sound: Bool
     shape: tuple[int, int, int]
     rig: DeclaredRig
@@ -62,7 +65,7 @@ class Windows:
     @property
     def variance(self) -> Float:
         """Variance of the pixels (n, 2h + 1), from their own counts."""
-        return np.asarray(np.maximum(self.z + self.level[:, None], 0.0) + self.floor_e2)
+        return np.asarray(self.excess * np.maximum(self.z + self.level[:, None], 0.0) + self.floor_e2)
 
     def electrons(self, capture: xr.Dataset) -> tuple[Float, Bool]:
         """(photoelectrons, whether a pixel is sound), each (frame, row, col), of the capture that the windows are of."""
@@ -114,9 +117,9 @@ def line_windows(
     if good is not None:
         sound &= np.take_along_axis(good, inside, axis=1).reshape(level.size, -1).all(axis=1)
     with np.errstate(invalid="ignore"):
-        sound &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + np.maximum(level, 0.0))
+        sound &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(level, 0.0))
     z = np.where(sound[:, None], z, 0.0)
-    return Windows(z, peak.ravel(), np.where(sound, level, 0.0), level, scale.floor_e2, sound, shape, rig)
+    return Windows(z, peak.ravel(), np.where(sound, level, 0.0), level, scale.floor_e2, scale.excess, sound, shape, rig)
 
 
 def _peaks(counts: npt.NDArray[Any], good: Bool | None, half: int, returns: int) -> npt.NDArray[np.int64]:
@@ -142,13 +145,14 @@ class _Scale:
     top_dn: float
     dead_dn: float
     floor_e2: float
+    excess: float
 
     @staticmethod
     def of(rig: DeclaredRig) -> _Scale:
-        converter, gain = rig.converter("detector"), rig.amplifier("detector.intensifier").gain
+        converter, (gain, excess) = rig.converter("detector"), rig.amplifier("detector.intensifier")
         return _Scale(
             converter.offset_dn, converter.gain_dn_per_e * gain, converter.saturation_dn, converter.dead_dn,
-            converter.floor_e2 / gain**2,
+            converter.floor_e2 / gain**2, excess,
         )  # fmt: skip
 
     def electrons(self, counts: npt.NDArray[Any]) -> Float:
@@ -181,24 +185,44 @@ def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None 
     )
 
 
-def with_locking(windows: Windows, formula: Formula) -> xr.Dataset:
+def with_locking(windows: Windows, formula: Formula, *, follows_peak: bool = False) -> xr.Dataset:
     """The result of a formula without a model of the pixels.
 
-    Its standard error holds the noise, √Σ(∂c/∂z)²V by differences, and what the formula errs without any noise: the rms over
-    the phases of a pixel, of a line as wide as the rig declares ("pixel locking").
+    Its standard error holds the noise, √Σ(Δc)² with Δc half the change of c between a pixel's value plus and minus its standard
+    deviation, which holds what a pixel at a threshold does too; and what the formula errs without any noise: the rms over the
+    phases of a pixel, of a line as wide as the rig declares ("pixel locking"). `follows_peak`: of formulas that stay beside the
+    brightest pixel, also how far noise moves that one.
     """
     position = formula(windows.z)
     variance = windows.variance
     square = np.zeros(position.shape)
     for k in range(windows.z.shape[1]):
-        step = np.sqrt(variance[:, k]) * 0.01
+        step = np.sqrt(variance[:, k])
         up, down = windows.z.copy(), windows.z.copy()
         up[:, k] += step
         down[:, k] -= step
-        change = (formula(up) - formula(down)) * 50.0
-        # A pixel at the threshold turns the difference over: its share is then that of a jump, which is no noise.
-        square += np.where(np.abs(change) < 1.0, change, 0.0) ** 2
+        change = 0.5 * (formula(up) - formula(down))
+        # A change that has no number moves the answer by up to half of the window.
+        square += np.minimum(np.where(np.isfinite(change), np.abs(change), windows.half), windows.half) ** 2
+    if follows_peak:
+        square += _swapped(windows) ** 2
     return answered(windows, position, np.sqrt(square + _locking(windows, formula) ** 2))
+
+
+def _swapped(windows: Windows) -> Float:
+    """rms distance [px] (n) from the middle of a line of the declared width to the pixel that noise makes the brightest.
+
+    Pixel k exceeds the middle one with P_k = Φ((μ_k − μ_0)/√(V_k + V_0)); of several that may, each has its share:
+    Σ k² P_k/(1 + Σ P_k).
+    """
+    k = np.arange(-windows.half, windows.half + 1, dtype=np.float64)
+    share = gaussian_mean(k - 0.5, k + 0.5, windows.width()[:, None])
+    light = np.maximum(windows.z.sum(axis=1), 0.0)[:, None] * share
+    variance = windows.excess * (light + np.maximum(windows.level, 0.0)[:, None]) + windows.floor_e2
+    middle = slice(windows.half, windows.half + 1)
+    chance = ndtr((light - light[:, middle]) / np.sqrt(variance + variance[:, middle]))
+    chance[:, windows.half] = 0.0
+    return np.asarray(np.sqrt((chance * k**2).sum(axis=1) / (1.0 + chance.sum(axis=1))))
 
 
 def _locking(windows: Windows, formula: Formula) -> Float:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ...scenes.errors import InputError
+from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import laser_line_rig
+from ...scenes.rigs.laser_line_geometry import ambient_e_per_s
 from ...scenes.scene import Scene
 from ..choice import Choice, Rtol, Rung, chosen
 from ..effect import interreflection
-from .effects import SCATTERED, scattered_sizes
+from .effects import MOTION, SCATTERED, motion_blur, scattered_sizes
 from .expected import frame_light
 from .setting import poses_of, setting_of
 
@@ -20,7 +22,8 @@ _PILOT = 0.05
 
 
 def choose(scene: Scene, rtol: Rtol) -> Choice:
-    """ "direct" where all that it leaves out is predicted to stay below `rtol` of the line's light, else "scatter".
+    """ "direct" where scattered light, light between surfaces and motion blur, which it leaves out, are predicted to stay below
+    `rtol` of the line's light, else "scatter". Speckle, and light reflected inside the port, have no prediction.
 
     Raises:
         InputError: both leave out more, or by an unknown amount; no other rung is built.
@@ -29,6 +32,7 @@ def choose(scene: Scene, rtol: Rtol) -> Choice:
     light = frame_light(setting, poses_of(setting.rig)[0][0], _PILOT, wide=False)
     sizes = {name: size for name, (size, _) in scattered_sizes(scene, light).items()}
     sizes["interreflection"] = interreflection(scene)[0]
+    sizes[MOTION] = motion_blur(scene, light)
     limit = _noise(scene, float(light.line.max(initial=0.0))) if rtol == "noise" else float(rtol)
     left: dict[Rung, list[str]] = {"direct": [name for name in sizes if name != SCATTERED[2]]}
     if light.scattered is not None:
@@ -60,6 +64,7 @@ def _noise(scene: Scene, peak: float) -> float:
     """Standard deviation of the line's brightest pixel over its light, within 1e-4 … 0.5."""
     rig = laser_line_rig(scene)
     detector = rig.detector
-    level = (rig.ambient_e_per_s + detector.dark_current_e_per_s) * detector.exposure_s
+    index = phase_index(scene.medium, rig.wavelength_m)
+    level = (ambient_e_per_s(rig, index) + detector.dark_current_e_per_s) * detector.exposure_s
     variance = peak + level + detector.read_noise_e**2 + 1.0 / (12.0 * detector.gain_dn_per_e**2)
     return float(np.clip(np.sqrt(variance) / peak, 1e-4, 0.5)) if peak > 0 else 0.5

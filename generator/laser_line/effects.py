@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
+from ...scenes.medium_index import phase_index
+from ...scenes.rigs.laser_line import laser_line_rig
+from ...scenes.rigs.laser_line_geometry import line_camera
 from ...scenes.scene import Scene
 from ..effect import Effect, effect, interreflection
 from .expected import FrameLight
 
-__all__ = ["SCATTERED", "catalogue", "scattered_sizes"]
+__all__ = ["MOTION", "SCATTERED", "catalogue", "motion_blur", "scattered_sizes"]
 
 Float = NDArray[np.float64]
 
 #: Effects of scattered light: the first two are what the rung `scatter` adds.
+MOTION = "motion blur"
 SCATTERED = ("curtain of scattered light", "forward-scattered halo", "multiple scattering")
 
 
@@ -24,7 +27,6 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
     detector = rig.detector
     reached = _reached(scene, light)
     through = float(-np.expm1(-2.0 * scene.medium.attenuation_per_m * reached))
-    blur = _motion_blur_px(rig, reached)
     return [
         effect("first bounce", True, 1.0, "first hits, sheet's profile integrated over pixels"),
         effect("refraction at the port", rig.port.kind == "flat", None, "exact, both ways"),
@@ -38,7 +40,12 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
         effect("lens point spread", rig.lens_sigma_px > 0, None, "Gaussian, along the rows"),
         effect("lens point spread across edges", False, 0.0 if rig.lens_sigma_px == 0 else None, "not modelled"),
         effect("light reflected inside the port", False, 0.0 if rig.port.kind == "none" else None, "not modelled"),
-        effect("motion blur", False, blur, "pixels moved in an exposure over the line's width"),
+        effect(
+            MOTION,
+            False,
+            motion_blur(scene, light),
+            "√3 L²/48s² of the profile, L moved in an exposure, s the width",
+        ),
         effect("speckle", False, None, "not modelled; contrast 1/√M"),
         effect("photon noise", True, None, "Poisson"),
         effect("dark current", True, None, "Poisson"),
@@ -61,7 +68,7 @@ def scattered_sizes(scene: Scene, light: FrameLight) -> dict[str, tuple[float | 
     """{effect: (size, basis)} of scattered light: root mean squares over the image, relative to the line's.
 
     Without a phase function the curtain is unknown, and the halo is bounded by all light that was scattered, e^{2br} − 1. What
-    the rung `scatter` leaves out: light that is scattered again on the curtain's way, up to e^{2br(1−B)} − 1 of it, and a
+    the rung `scatter` leaves out: light that is scattered again on the curtain's way, up to e^{2br} − 1 of it, and a
     sixth of the halo, by which paths traced in full exceed the small-angle picture at most.
     """
     b, reached = scene.medium.scattering_per_m, _reached(scene, light)
@@ -84,8 +91,21 @@ def _rms(image: Float) -> float:
     return float(np.sqrt(np.mean(np.asarray(image, np.float64) ** 2)))
 
 
-def _motion_blur_px(rig: LaserLineRig, reached: float) -> float:
-    """Pixels that the line may move in an exposure."""
-    speed = float(np.linalg.norm(rig.motion_m_per_s or (0.0, 0.0, 0.0))) / reached
+def motion_blur(scene: Scene, light: FrameLight) -> float:
+    """Change of the line's profile by motion within an exposure, rms over rms, at most 1: √3 L²/(48 s²).
+
+    Light that is spread evenly over L adds L²/12 to s², and ‖∂G/∂s²‖/‖G‖ = √3/(4 s²) for a Gaussian. L is the way across the
+    image of a point at the line's range that moves square to the view.
+    """
+    rig = laser_line_rig(scene)
+    speed = float(np.linalg.norm(rig.motion_m_per_s or (0.0, 0.0, 0.0))) / _reached(scene, light)
     speed += float(np.linalg.norm(rig.turn_rad_per_s or (0.0, 0.0, 0.0)))
-    return speed * rig.detector.exposure_s * rig.camera.focal_length_m / rig.camera.pixel_pitch_m
+    if speed == 0.0:
+        return 0.0
+    window = line_camera(rig, phase_index(scene.medium, rig.wavelength_m)).port
+    per_rad = rig.camera.focal_length_m / rig.camera.pixel_pitch_m
+    per_rad *= 1.0 if window is None else window.outside / window.inside
+    width = light.truth.width[np.isfinite(light.truth.width)]
+    if not width.size:
+        return 1.0
+    return float(min(np.sqrt(3.0) / 48.0 * (speed * rig.detector.exposure_s * per_rad / np.median(width)) ** 2, 1.0))

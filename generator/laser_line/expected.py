@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
+from ...scenes.rigs.laser_line_geometry import ambient_e_per_s
 from ...scenes.scene import Scene
 from ..detector import detect, fixed_pattern
 from ..effect import no_light
@@ -75,7 +77,7 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     rig = setting.rig
     scatters = request.rung == "scatter" and phase_of(scene) is not None
     poses, coords = poses_of(rig)
-    ambient = rig.ambient_e_per_s * rig.detector.exposure_s
+    ambient = ambient_e_per_s(rig, phase_index(scene.medium, rig.wavelength_m)) * rig.detector.exposure_s
     electrons = np.full((len(poses), rig.camera.rows, rig.camera.cols), ambient, dtype=np.float32)
     background = electrons + np.float32(dark_e(rig))
     frames: list[FrameLight] = []

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from ...optics.sheet import meeting
 from .light import Nodes
@@ -24,8 +25,8 @@ _STEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LineTruth:
-    """All returns of a frame, the brightest of each row first: `column` [px], `point` (…, xyz) [m], `amplitude` [photoelectrons
-    of the row's whole line], `width` [px, 1 σ], each (rows, returns), NaN where there is none."""
+    """All returns of a frame, that of the brightest pixel of each row first: `column` [px], `point` (…, xyz) [m], `amplitude`
+    [photoelectrons of the row's whole line], `width` [px, 1 σ], each (rows, returns), NaN where there is none."""
 
     column: Float
     point: Float
@@ -50,11 +51,16 @@ def line_truth(setting: Setting, pose: Pose, nodes: Nodes) -> LineTruth:
     seen = setting.see(at, col, pose)
     slope = np.abs(setting.offsets(at, col + _STEP, seen) - setting.offsets(at, col - _STEP, seen)) / (2.0 * _STEP)
     bright = (seen.radiance > 0) & (slope > 0)
-    row, at, col, slope = row[bright], at[bright], col[bright], slope[bright]
+    row, at, col, slope, light = row[bright], at[bright], col[bright], slope[bright], seen.radiance[bright]
     origin, direction = setting.camera.rays(at, col)
     point = meeting(origin, direction, setting.sheet.normal, setting.sheet.source)
-    width = np.hypot(setting.sheet.sigma(setting.sheet.range(point)) / slope, setting.rig.lens_sigma_px)
-    return _sorted(rows, row, col, point, seen.radiance[bright] / slope, width)
+    # A row is as high as a pixel is wide: within it a slanted line moves by `slant`, evenly.
+    seen = setting.see(at, col, pose, lit=False)
+    ahead, behind = (setting.offsets(at + step, col, seen) for step in (_STEP, -_STEP))
+    slant = (ahead - behind) / (2.0 * _STEP) / slope
+    blur = np.hypot(setting.rig.lens_sigma_px, slant / np.sqrt(12.0))
+    width = np.hypot(setting.sheet.sigma(setting.sheet.range(point)) / slope, blur)
+    return _sorted(rows, row, col, point, light / slope, width)
 
 
 def _roots(
@@ -81,7 +87,8 @@ def _roots(
 
 
 def _sorted(rows: int, row: NDArray[np.intp], col: Float, point: Float, amplitude: Float, width: Float) -> LineTruth:
-    order = np.lexsort((-amplitude, row))
+    # The brightest pixel, at the line's middle, is what finders see first: a wide line may hold more light in all.
+    order = np.lexsort((-amplitude * erf(0.5 / (np.sqrt(2.0) * width)), row))
     row = row[order]
     first = np.searchsorted(row, row)
     number = np.arange(row.size) - first

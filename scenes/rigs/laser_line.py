@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..medium_index import medium_data
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, other_kind
-from .laser_line_geometry import camera_data, line_camera, line_sheet, sheet_data
+from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
 from .parts import Illumination
 
@@ -45,7 +45,7 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         "laser": sheet_data(rig, float(water["phase_index"])),
         "medium": water,
         "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
-        "ambient_e_per_s": rig.ambient_e_per_s,
+        "ambient_e_per_s": ambient_e_per_s(rig, float(water["phase_index"])),
         "frames": rig.frames.model_dump(mode="json"),
         "t0_s": rig.t0_s,
     }

@@ -13,7 +13,18 @@ from ...optics.sheet import Sheet, angle_inside
 from .laser_line_parts import FlatWindow
 from .laser_line_spec import LaserLineRig
 
-__all__ = ["camera_data", "line_camera", "line_sheet", "sheet_data"]
+__all__ = ["ambient_e_per_s", "camera_data", "line_camera", "line_sheet", "sheet_data"]
+
+
+def ambient_e_per_s(rig: LaserLineRig, index: float) -> float:
+    """Photoelectrons per pixel and second of ambient light, in a medium of phase index `index`.
+
+    A spectrum gives the radiance in the medium, which falls by (inside index/index)² on its way through a flat port. A rate that
+    is stated is what the pixel collects.
+    """
+    if rig.ambient is None or not isinstance(rig.port, FlatWindow):
+        return rig.ambient_e_per_s
+    return rig.ambient_e_per_s * (rig.port.inside_index / index) ** 2
 
 
 def line_camera(rig: LaserLineRig, index: float) -> Pinhole:

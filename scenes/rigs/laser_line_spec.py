@@ -26,7 +26,8 @@ class LaserLineRig(RigSpec):
     `lens_sigma_px`: the lens's point spread, a Gaussian (1 σ). `principal_offset_px`: (row, col) of the principal point from the
     array's centre. `motion_m_per_s`, `turn_rad_per_s`: velocity and rate of turn of the whole rig, in the frame of time 0; each
     frame is taken at once.
-    Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`.
+    Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`: the rate is
+    then that of a camera in the medium, and `laser_line_geometry.ambient_e_per_s` that behind the port.
     """
 
     kind: Literal["laser_line"] = "laser_line"
