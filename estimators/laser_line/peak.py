@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+
 from ..registry import estimator
 from .windows import line_windows, with_locking
 
