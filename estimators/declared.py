@@ -13,7 +13,7 @@ from typing import Any, Literal
 from ..scenes.errors import InputError
 from .rig import DeclaredRig
 
-__all__ = ["Key", "check_keys"]
+__all__ = ["ADC_BITS", "GAIN", "OFFSET", "Key", "check_keys"]
 
 _PAGE = "docs/declared-rig.md lists every value; write null for one that is unknown"
 
@@ -98,6 +98,15 @@ class Key:
             "samples": lambda: rig.samples(path),
         }
         readers[self.kind]()
+
+
+#: The converter of a detector, as more than one table has it.
+GAIN = Key("detector.gain_dn_per_e", "number", "DN/electron", "counts per electron", "all", above=0)
+OFFSET = Key("detector.offset_dn", "number", "DN", "count without light", "all")
+ADC_BITS = Key(
+    "detector.adc_bits", "whole", "1", "bits of the converter: counts end at 2^bits − 1", "all", most=53,
+    unknown="the full well is the limit; refused if that is unknown too",
+)  # fmt: skip
 
 
 @lru_cache(maxsize=32)

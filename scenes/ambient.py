@@ -235,7 +235,11 @@ def ambient_rate(rig: Any, etendue_m2_sr: float, quantum_efficiency: float) -> f
     return float(rig.ambient.rate_e_per_s(etendue_m2_sr, quantum_efficiency))
 
 
-def without_computed(data: dict[str, Any]) -> dict[str, Any]:
-    """A rig's data as it was given: the rate that a spectrum gives is left out, and so is an absent spectrum."""
+def without_computed(data: dict[str, Any], optional: tuple[str, ...] = ()) -> dict[str, Any]:
+    """A rig's data as it was given: the rate that a spectrum gives is left out, and so are an absent spectrum and the absent ones
+    of the `optional` values."""
+    for key in optional:
+        if data.get(key) is None:
+            data.pop(key, None)
     data.pop("ambient" if data.get("ambient") is None else "ambient_e_per_s", None)
     return data

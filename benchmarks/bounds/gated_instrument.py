@@ -12,7 +12,7 @@ from ...optics.correlation import waveforms
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.rigs.gated import GatedRig
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
-from .instrument import true_time
+from .instrument import camera_noise, true_time
 
 __all__ = [
     "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay", "true_delay",
@@ -31,18 +31,7 @@ def gated_responses(rig: GatedRig, rtol: float) -> list[correlation.Table]:
 
 def noise_model(rig: GatedRig) -> NoiseModel:
     """The likelihood of one sample. Dark electrons are part of the mean μ, except behind an intensifier."""
-    detector, tube = rig.detector, rig.detector.intensifier
-    dark = detector.dark_current_e_per_s * detector.exposure_s
-    return NoiseModel(
-        read_noise_e=detector.read_noise_e,
-        gain_dn_per_e=detector.gain_dn_per_e,
-        offset_dn=detector.offset_dn,
-        adc_max_dn=2**detector.adc_bits - 1,
-        full_well_e=detector.full_well_e,
-        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
-        intensifier_gain=1.0 if tube is None else tube.gain,
-        dark_e=0.0 if tube is None else dark,
-    )
+    return camera_noise(rig.detector)
 
 
 def light_path(truth: Float, rig: GatedRig) -> tuple[Float, Float]:

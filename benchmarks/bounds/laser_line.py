@@ -32,7 +32,7 @@ from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
 from ...scenes.rigs.laser_line_geometry import line_camera, line_sheet
 from ..scores.truth import Bound
-from .instrument import bounded, true_scene, unbounded
+from .instrument import bounded, camera_noise, true_scene, unbounded
 
 __all__ = ["column_sigma", "laser_line_bounds", "line_noise"]
 
@@ -91,17 +91,7 @@ def column_sigma(amplitude: Float, width: Float, level: Float, noise: NoiseModel
 
 def line_noise(rig: LaserLineRig) -> NoiseModel:
     """The likelihood of one pixel. Dark electrons are part of the mean, except behind an intensifier."""
-    detector, tube = rig.detector, rig.detector.intensifier
-    return NoiseModel(
-        read_noise_e=detector.read_noise_e,
-        gain_dn_per_e=detector.gain_dn_per_e,
-        offset_dn=detector.offset_dn,
-        adc_max_dn=2**detector.adc_bits - 1,
-        full_well_e=detector.full_well_e,
-        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
-        intensifier_gain=1.0 if tube is None else tube.gain,
-        dark_e=0.0 if tube is None else detector.dark_current_e_per_s * detector.exposure_s,
-    )
+    return camera_noise(rig.detector)
 
 
 def _levels(capture: xr.Dataset, truth: Float, rig: LaserLineRig) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..declared import Key
+from ..declared import ADC_BITS, GAIN, OFFSET, Key
 
 __all__ = ["AMCW_KEYS"]
 
@@ -14,15 +14,12 @@ AMCW_KEYS = (
     Key("range_window_m", "numbers", "m", "nearest and farthest range of a target, which decides whole cycles", _ALL, length=2),
     Key("t0_s", "number", "s", "lag of the reference behind the light", _ALL),
     Key("medium.group_index", "number", "1", "group refractive index of the medium: light travels at c/n", _ALL, above=0),
-    Key("detector.gain_dn_per_e", "number", "DN/electron", "counts per electron", _ALL, above=0),
-    Key("detector.offset_dn", "number", "DN", "count without light", _ALL),
+    GAIN,
+    OFFSET,
     Key("detector.read_noise_e", "number", "electron", "rms read noise of a sample", _ALL, least=0),
     Key(
         "detector.full_well_e", "number", "electron", "electrons at which a sample is full", _ALL, above=0,
         unknown="the converter's top is the limit",
     ),
-    Key(
-        "detector.adc_bits", "whole", "1", "bits of the converter: counts end at 2^bits − 1", _ALL, most=53,
-        unknown="the full well is the limit; refused if that is unknown too",
-    ),
+    ADC_BITS,
 )  # fmt: skip

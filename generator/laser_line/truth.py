@@ -50,15 +50,14 @@ def line_truth(setting: Setting, pose: Pose, nodes: Nodes) -> LineTruth:
     row, at, col = row[good], at[good], col[good]
     seen = setting.see(at, col, pose)
     slope = np.abs(setting.offsets(at, col + _STEP, seen) - setting.offsets(at, col - _STEP, seen)) / (2.0 * _STEP)
+    down = (setting.offsets(at + _STEP, col, seen) - setting.offsets(at - _STEP, col, seen)) / (2.0 * _STEP)
     bright = (seen.radiance > 0) & (slope > 0)
-    row, at, col, slope, light = row[bright], at[bright], col[bright], slope[bright], seen.radiance[bright]
+    row, at, col = row[bright], at[bright], col[bright]
+    slope, down, light = slope[bright], down[bright], seen.radiance[bright]
     origin, direction = setting.camera.rays(at, col)
     point = meeting(origin, direction, setting.sheet.normal, setting.sheet.source)
-    # A row is as high as a pixel is wide: within it a slanted line moves by `slant`, evenly.
-    seen = setting.see(at, col, pose, lit=False)
-    ahead, behind = (setting.offsets(at + step, col, seen) for step in (_STEP, -_STEP))
-    slant = (ahead - behind) / (2.0 * _STEP) / slope
-    blur = np.hypot(setting.rig.lens_sigma_px, slant / np.sqrt(12.0))
+    # A row is as high as a pixel is wide: within it a slanted line moves evenly, by down/slope columns.
+    blur = np.hypot(setting.rig.lens_sigma_px, down / slope / np.sqrt(12.0))
     width = np.hypot(setting.sheet.sigma(setting.sheet.range(point)) / slope, blur)
     return _sorted(rows, row, col, point, light / slope, width)
 

@@ -28,7 +28,7 @@ from ..quantities import (
     Well,
 )
 from .declaring import as_declared
-from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
+from .kind import RigKind, RigScene, RigSpec, RigView, rig_of
 from .parts import Illumination, Receiver, collected_m2_sr, illumination_data
 
 __all__ = ["KIND", "AmcwDetector", "AmcwRig", "ModulatedLaser", "Modulation", "amcw_rig"]
@@ -116,9 +116,7 @@ class AmcwRig(RigSpec):
 
 def amcw_rig(scene: RigScene) -> AmcwRig:
     """The scene's rig, which must be an AMCW rig. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, AmcwRig):
-        raise other_kind(scene, "amcw")
-    return scene.rig
+    return rig_of(scene, AmcwRig)
 
 
 def _declare(scene: RigScene) -> dict[str, Any]:

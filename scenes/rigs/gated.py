@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -27,8 +26,8 @@ from ..sampling import MOST_SAMPLES, optics_gate, optics_pulse, rounded, sample_
 from ..waveforms import Gate, Pulse
 from .declaring import as_declared
 from .delays import Delays, ListedDelays, SliceDelays
-from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
-from .parts import Camera, Detector, Illumination
+from .kind import RigKind, RigScene, RigSpec, RigView, rig_of
+from .parts import Camera, Detector, Illumination, pixel_collected_m2_sr
 from .roles import Steps
 
 __all__ = ["KIND", "Delays", "GateMap", "GatedRig", "Laser", "ListedDelays", "Screen", "gated_rig"]
@@ -110,17 +109,12 @@ class GatedRig(RigSpec):
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        data: dict[str, Any] = handler(self)
-        for key in _OPTIONAL:
-            if data.get(key) is None:
-                data.pop(key, None)
-        return without_computed(data)
+        return without_computed(handler(self), _OPTIONAL)
 
     @model_validator(mode="after")
     def _ambient_is_given_once(self) -> GatedRig:
-        camera = self.camera
-        pixel = camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
-        self.__dict__["ambient_e_per_s"] = ambient_rate(self, pixel, camera.quantum_efficiency)
+        collected = pixel_collected_m2_sr(self.camera)
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.camera.quantum_efficiency)
         return self
 
     @property
@@ -131,9 +125,7 @@ class GatedRig(RigSpec):
 
 def gated_rig(scene: RigScene) -> GatedRig:
     """The scene's rig, which must be gated. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, GatedRig):
-        raise other_kind(scene, "gated")
-    return scene.rig
+    return rig_of(scene, GatedRig)
 
 
 def _declare(scene: RigScene) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from ..medium import Medium
 from .parts import Camera, Illumination
 from .roles import Role, check_roles
 
-__all__ = ["RigKind", "RigScene", "RigSpec", "RigView", "other_kind"]
+__all__ = ["RigKind", "RigScene", "RigSpec", "RigView", "rig_of"]
 
 
 class RigSpec(Spec, ABC):
@@ -105,8 +105,14 @@ class RigKind(Generic[RigT]):
         check_roles(self.roles, self.name)
 
 
-def other_kind(scene: RigScene, wanted: str) -> InputError:
-    """The error of a function that works on scenes of one kind and was given a scene of another."""
-    return InputError(
-        f"This works on {wanted} scenes only.", where=f"{scene.name}: rig.kind", value=scene.rig.kind, allowed=wanted
-    )
+def rig_of(scene: RigScene, spec: type[RigT]) -> RigT:
+    """The scene's rig, which must be one of this class. Raises InputError for a scene of another modality."""
+    if not isinstance(scene.rig, spec):
+        wanted = str(spec.model_fields["kind"].default)
+        raise InputError(
+            f"This works on {wanted} scenes only.",
+            where=f"{scene.name}: rig.kind",
+            value=scene.rig.kind,
+            allowed=wanted,
+        )
+    return scene.rig

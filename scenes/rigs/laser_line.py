@@ -15,7 +15,7 @@ from ..base import Vec3
 from ..errors import InputError
 from ..medium_index import medium_data
 from .declaring import as_declared
-from .kind import RigKind, RigScene, RigView, other_kind
+from .kind import RigKind, RigScene, RigView, rig_of
 from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
 from .parts import Illumination
@@ -28,9 +28,7 @@ _LEAST_BASELINE_M = 1e-4
 
 def laser_line_rig(scene: RigScene) -> LaserLineRig:
     """The scene's rig, which must be a laser-line rig. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, LaserLineRig):
-        raise other_kind(scene, "laser_line")
-    return scene.rig
+    return rig_of(scene, LaserLineRig)
 
 
 def _declare(scene: RigScene) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -11,7 +10,7 @@ from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
-from .parts import Camera, Detector
+from .parts import Camera, Detector, pixel_collected_m2_sr
 
 __all__ = ["LaserLineRig"]
 
@@ -47,17 +46,12 @@ class LaserLineRig(RigSpec):
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        data: dict[str, Any] = handler(self)
-        for key in _OPTIONAL:
-            if data.get(key) is None:
-                data.pop(key, None)
-        return without_computed(data)
+        return without_computed(handler(self), _OPTIONAL)
 
     @model_validator(mode="after")
     def _ambient_is_given_once(self) -> LaserLineRig:
-        camera = self.camera
-        pixel = camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
-        self.__dict__["ambient_e_per_s"] = ambient_rate(self, pixel, camera.quantum_efficiency)
+        collected = pixel_collected_m2_sr(self.camera)
+        self.__dict__["ambient_e_per_s"] = ambient_rate(self, collected, self.camera.quantum_efficiency)
         return self
 
     @property

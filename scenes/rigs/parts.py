@@ -24,7 +24,16 @@ from ..quantities import (
     Well,
 )
 
-__all__ = ["Camera", "Detector", "Illumination", "Intensifier", "Receiver", "collected_m2_sr", "illumination_data"]
+__all__ = [
+    "Camera",
+    "Detector",
+    "Illumination",
+    "Intensifier",
+    "Receiver",
+    "collected_m2_sr",
+    "illumination_data",
+    "pixel_collected_m2_sr",
+]
 
 
 class Camera(Spec):
@@ -113,6 +122,11 @@ class Receiver(Spec):
     aperture_diameter_m: LensLength
     focal_length_m: LensLength
     transmission: Fraction
+
+
+def pixel_collected_m2_sr(camera: Camera) -> float:
+    """Etendue of a pixel on the axis, p² π/4F², times the lens's transmission, m² sr."""
+    return camera.pixel_pitch_m**2 * math.pi / (4.0 * camera.f_number**2) * camera.transmission
 
 
 def collected_m2_sr(receiver: Receiver, detector_diameter_m: float) -> float:

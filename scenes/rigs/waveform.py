@@ -36,7 +36,7 @@ from ..quantities import (
 from ..sampling import optics_pulse, rounded, sample_step_s
 from ..waveforms import Pulse
 from .declaring import as_declared
-from .kind import RigKind, RigScene, RigSpec, RigView, other_kind
+from .kind import RigKind, RigScene, RigSpec, RigView, rig_of
 from .parts import Illumination, Receiver, collected_m2_sr, illumination_data
 from .roles import Steps
 
@@ -169,9 +169,7 @@ class WaveformRig(RigSpec):
 
 def waveform_rig(scene: RigScene) -> WaveformRig:
     """The scene's rig, which must be a waveform rig. Raises InputError for a scene of another modality."""
-    if not isinstance(scene.rig, WaveformRig):
-        raise other_kind(scene, "waveform")
-    return scene.rig
+    return rig_of(scene, WaveformRig)
 
 
 def shown_pulse(rig: WaveformRig) -> tuple[waveforms.Pulse, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...declared import Key
+from ...declared import ADC_BITS, GAIN, OFFSET, Key
 
 __all__ = ["GATED_KEYS"]
 
@@ -32,8 +32,8 @@ GATED_KEYS = (
     ),
     Key("gate_offset_s.skew_s", "numbers", "s", "the same per half width, along x and y", _ALL, within="gate_offset_s", length=2),
     Key("medium.group_index", "number", "1", "group refractive index of the medium: pulses travel at c/n", _ALL, above=0),
-    Key("detector.gain_dn_per_e", "number", "DN/electron", "counts per electron", _ALL, above=0),
-    Key("detector.offset_dn", "number", "DN", "count without light", _ALL),
+    GAIN,
+    OFFSET,
     Key(
         "detector.read_noise_e", "number", "electron", "rms read noise", _ALL, least=0,
         unknown="measured in two or more slices with the laser off; refused where there are fewer",
@@ -42,10 +42,7 @@ GATED_KEYS = (
         "detector.full_well_e", "number", "electron", "electrons at which a pixel is full", _ALL, above=0,
         unknown="the converter's top is the limit",
     ),
-    Key(
-        "detector.adc_bits", "whole", "1", "bits of the converter: counts end at 2^bits − 1", _ALL, most=53,
-        unknown="the full well is the limit; refused if that is unknown too",
-    ),
+    ADC_BITS,
     Key("detector.intensifier.gain", "number", "1", "gain of the tube", _ALL, within="detector.intensifier", above=0),
     Key(
         "detector.intensifier.excess_noise_factor", "number", "1", "excess noise factor F² of the tube", _ALL,
