@@ -11,8 +11,11 @@ import pytest
 from scipy.special import erf
 
 from beambench.benchmarks.judges.bound import bounds_of
+from beambench.benchmarks.scores.score import KEY, score_rows
+from beambench.benchmarks.scores.truth import Bound, Truth
 from beambench.benchmarks.written.laser_line import written_capture
 from beambench.captures.hide import hide_truth
+from beambench.captures.layouts import layout_of
 from beambench.estimators import run_estimator
 from beambench.generator.generate import generate
 from beambench.scenes.errors import InputError
@@ -119,3 +122,15 @@ def test_motion_blur_is_part_of_what_auto_leaves_out() -> None:
     changes = {"rig.motion_m_per_s": [2.0, 0.0, 0.0], "rig.detector.exposure_s": 5e-3}
     with pytest.raises(InputError, match="motion blur"):
         generate(load_scene("spotscan-wall", changes), seed=1, fidelity="auto", rtol=0.01)
+
+
+def test_throughput_counts_points_and_not_their_coordinates() -> None:
+    stage = next(s for s in layout_of("laser_line").stages if s.word == "triangulation")
+    (point,) = stage.gives
+    value = np.zeros((2, 8, 1, 3))
+    bound = Bound(np.ones(value.shape), "exact", 1.0, 1.0)
+    key = dict.fromkeys(KEY, "")
+    (row,) = score_rows(
+        key, stage, {point.name: Truth.plain(value)}, {point.name: bound}, None, status="crash", wall_s=2.0
+    )
+    assert row["throughput"] == 16 / 2.0

@@ -114,6 +114,8 @@ def _quantity_rows(
     errors = errors_of(value, truth)
     threshold = failure_at if failure_at is not None else 0.5 * bound.scale
     blocks = block_ids((shape[0], math.prod(shape[1:]))).reshape(shape)
+    # x, y and z of a point are one element: time is counted once for them.
+    elements = math.prod(shape[: len(shape) - len(quantity.components)])
     rows = []
     for name, chosen in (
         (quantity.name, has_truth & ~truth.mixed),
@@ -129,7 +131,7 @@ def _quantity_rows(
         )  # fmt: skip
         figures["bound_kind"] = _kind(bound, sigma_bound) if unmixed else "none"
         rows.append({
-            "quantity": name, "unit": quantity.unit, "failure_at": threshold, "elements": has_truth.size, **figures,
+            "quantity": name, "unit": quantity.unit, "failure_at": threshold, "elements": elements, **figures,
         })  # fmt: skip
     return rows
 
