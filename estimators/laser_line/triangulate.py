@@ -14,6 +14,7 @@ from ..registry import estimator
 from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
+from .ray_kernel import meet_sheet, takes
 
 __all__ = ["triangulate_air", "triangulate_pinhole_port", "triangulate_refractive"]
 
@@ -47,7 +48,12 @@ def _points(lines: xr.Dataset, geometry: Geometry) -> xr.Dataset:
     valid = np.asarray(lines["valid"].values, bool)
     row = np.broadcast_to(np.arange(column.shape[1], dtype=np.float64)[:, None], column.shape)
     held = np.where(valid, column, geometry.camera.col0)
-    point = geometry.points(row, held)
-    slope = (geometry.points(row, held + _STEP) - geometry.points(row, held - _STEP)) / (2.0 * _STEP)
-    sigma = np.hypot(np.abs(slope) * spread, _LEAST_M)
-    return stage_result("triangulation", point=np.moveaxis(point, 0, -1), sigma=np.moveaxis(sigma, 0, -1), valid=valid)
+    if takes(geometry.camera):
+        flat, per_px = meet_sheet(geometry.camera, geometry.sheet, np.ascontiguousarray(row).ravel(), held.ravel())
+        point, slope = flat.reshape(*held.shape, 3), per_px.reshape(*held.shape, 3)
+    else:
+        ends = [np.moveaxis(geometry.points(row, held + step), 0, -1) for step in (0.0, -_STEP, _STEP)]
+        point, slope = ends[0], np.abs(ends[2] - ends[1]) / (2.0 * _STEP)
+    # Where the sheet is seen at a coordinate that the column does not move, it is known no better than numbers are.
+    sigma = np.maximum(slope * spread[..., None], _LEAST_M)
+    return stage_result("triangulation", point=point, sigma=sigma, valid=valid)

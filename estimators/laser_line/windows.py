@@ -19,6 +19,7 @@ from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
 from .declared import LASER_LINE_KEYS
 from .geometry import declared_geometry
+from .row_scan import scan_rows
 
 __all__ = ["Formula", "Windows", "answered", "line_windows", "with_locking"]
 
@@ -30,8 +31,6 @@ Formula = Callable[[Float], Float]
 
 #: Least and most half width of a window [px].
 _LEAST, _MOST = 3, 64
-#: Pixels of a row that give its background.
-_ENOUGH = 256
 #: Phases of the pixel over which a formula's error without noise is averaged.
 _PHASES = 64
 
@@ -102,38 +101,19 @@ def line_windows(
             allowed="frame, row, col", next_step="select a channel, or average over them",
         )  # fmt: skip
     frames, rows, cols = counts.shape
-    counts = counts.reshape(-1, cols)
     usable = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
     half = max(_half_window(rig), least_half)
-    good = scale.good(counts)
-    level = scale.electrons(_medians(counts, good))
-    peak = _peaks(counts, good, half, max(returns, 1))
+    peak, window, median, sound = scan_rows(
+        np.ascontiguousarray(counts).reshape(-1, cols), half, max(returns, 1), scale.top_dn, scale.dead_dn
+    )
     shape = (frames, rows, peak.shape[1])
-    at = peak[:, :, None] + np.arange(-half, half + 1)
-    inside = np.clip(at, 0, cols - 1).reshape(len(peak), -1)
-    level = np.repeat(level, shape[2])
-    z = scale.electrons(np.take_along_axis(counts, inside, axis=1)).reshape(level.size, -1) - level[:, None]
-    sound = np.repeat(usable, rows * shape[2]) & ((at >= 0) & (at < cols)).all(axis=2).ravel() & np.isfinite(level)
-    if good is not None:
-        sound &= np.take_along_axis(good, inside, axis=1).reshape(level.size, -1).all(axis=1)
+    level = np.repeat(scale.electrons(median), shape[2])
+    z = scale.electrons(window).reshape(level.size, -1) - level[:, None]
+    fine = sound.ravel() & np.repeat(usable, rows * shape[2]) & np.isfinite(level)
     with np.errstate(invalid="ignore"):
-        sound &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(level, 0.0))
-    z = np.where(sound[:, None], z, 0.0)
-    return Windows(z, peak.ravel(), np.where(sound, level, 0.0), level, scale.floor_e2, scale.excess, sound, shape, rig)
-
-
-def _peaks(counts: npt.NDArray[Any], good: Bool | None, half: int, returns: int) -> npt.NDArray[np.int64]:
-    """Columns (n, returns) of the brightest sound pixels, each more than `half` pixels from those before it."""
-    if good is None and returns == 1:
-        return np.asarray(counts.argmax(axis=1))[:, None]
-    left = np.asarray(counts, np.float64) if good is None else np.where(good, counts, -np.inf)
-    found: list[npt.NDArray[np.int64]] = []
-    column = np.arange(counts.shape[1])
-    for number in range(returns):
-        if number:
-            left = np.where(np.abs(column - found[-1][:, None]) <= half, -np.inf, left)
-        found.append(left.argmax(axis=1))
-    return np.stack(found, axis=1)
+        fine &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(level, 0.0))
+    z[~fine] = 0.0
+    return Windows(z, peak.ravel(), np.where(fine, level, 0.0), level, scale.floor_e2, scale.excess, fine, shape, rig)
 
 
 @dataclass(frozen=True)
@@ -239,23 +219,6 @@ def _locking(windows: Windows, formula: Formula) -> Float:
         error = formula(line * 1e6) - phase
         rms[i] = np.sqrt(np.nanmean(error**2)) if np.isfinite(error).any() else 0.5
     return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(table), rms)
-
-
-def _medians(counts: npt.NDArray[Any], good: Bool | None) -> Float:
-    """Median [DN] of the sound pixels of every row (n); NaN where there is none.
-
-    Of wide rows every k-th pixel, 256 or more of them: the median then errs by a twelfth of a pixel's noise.
-    """
-    step = max(counts.shape[1] // _ENOUGH, 1)
-    part = counts[:, ::step]
-    if good is None:
-        return np.asarray(np.median(part, axis=1), np.float64)
-    kept = good[:, ::step]
-    ordered = np.sort(np.where(kept, np.asarray(part, np.float64), np.inf), axis=1)
-    count = kept.sum(axis=1)
-    row, least = np.arange(len(count)), np.maximum(count, 1)
-    middle = 0.5 * (ordered[row, (least - 1) // 2] + ordered[row, least // 2])
-    return np.asarray(np.where(count > 0, middle, np.nan))
 
 
 @lru_cache(maxsize=32)
