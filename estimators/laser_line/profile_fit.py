@@ -122,7 +122,7 @@ def _minimise(z, floor, weighted, free_width, held, steps, table, p, q, work, ed
             ratio = (cost - new) / expected if expected > 0.0 else 1.0
             damping = max(damping * (4.0 if ratio < 0.25 else 0.1 if ratio > 0.75 else 1.0), 1e-12)
             damping = max(damping, 1e-3) if ratio < 0.25 else damping
-            if still and damping < 0.1:
+            if still and damping < 2e-3:
                 done = True
                 break
         else:

@@ -46,7 +46,7 @@ def scan_rows(
 @kernel(error_model="numpy")
 def _scan(counts, half, step, top, dead, whole, peak, window, median, sound):  # type: ignore[no-untyped-def]
     cols = counts.shape[1]
-    some = np.empty(cols // step + 1, counts.dtype)
+    some, real = np.empty(cols // step + 1, counts.dtype), np.empty(cols // step + 1)
     guess = counts[0, 0] if counts.size else some[0]
     for i in range(counts.shape[0]):
         row = counts[i]
@@ -71,7 +71,8 @@ def _scan(counts, half, step, top, dead, whole, peak, window, median, sound):  #
         if size and whole:
             median[i], guess = _whole_median(some[:size], guess, low, high)
         elif size:
-            median[i] = np.median(some[:size])
+            real[:size] = some[:size]
+            median[i] = np.median(real[:size])
         for k in range(peak.shape[1]):
             at = _highest(row, high, top, dead, plain and k == 0, half, peak[i, :k])
             if at < 0:

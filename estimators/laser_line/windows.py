@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +12,11 @@ import xarray as xr
 from scipy.special import ndtr
 
 from ...optics.sheet import gaussian_mean
-from ...scenes.errors import InputError
 from ..declared import check_keys
 from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
 from .declared import LASER_LINE_KEYS
+from .frames import OffFrames, Scale, read_frames
 from .geometry import declared_geometry
 from .row_scan import scan_rows
 
@@ -40,8 +39,9 @@ class Windows:
     """The windows of all frames, n = frames · rows · returns; `shape` is these three.
 
     z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
-    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light;
-    excess: F², the variance of light over its mean.
+    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. Where frames without laser are subtracted,
+    `row_level` is what is left, and `level` the light whose shot noise the pixels have. floor_e2: variance of a pixel without
+    light; excess: F², the variance of light over its mean.
     sound (n): rows of usable frames whose window lies within the image and holds no bad pixel, and whose peak is above
     `least_sigmas` of the noise.
     """
@@ -55,11 +55,22 @@ class Windows:
     sound: Bool
     shape: tuple[int, int, int]
     rig: DeclaredRig
+    off_frames: OffFrames = "unused"
 
     @property
     def half(self) -> int:
         """Pixels to either side of the brightest one."""
         return int(self.z.shape[1]) // 2
+
+    @property
+    def frame(self) -> npt.NDArray[np.int64]:
+        """Frame of every window (n)."""
+        return np.repeat(np.arange(self.shape[0]), self.shape[1] * self.shape[2])
+
+    @property
+    def row(self) -> npt.NDArray[np.int64]:
+        """Row of every window (n)."""
+        return np.tile(np.repeat(np.arange(self.shape[1]), self.shape[2]), self.shape[0])
 
     @property
     def variance(self) -> Float:
@@ -68,9 +79,10 @@ class Windows:
 
     def electrons(self, capture: xr.Dataset) -> tuple[Float, Bool]:
         """(photoelectrons, whether a pixel is sound), each (frame, row, col), of the capture that the windows are of."""
-        scale, counts = _Scale.of(self.rig), np.asarray(capture["counts"].values)
-        good = scale.good(counts)
-        return scale.electrons(counts), np.ones(counts.shape, bool) if good is None else good
+        scale = Scale.of(self.rig)
+        read = read_frames(capture, scale, self.off_frames)
+        good = np.ones(read.shape, bool) if read.good is None else read.good.reshape(read.shape)
+        return scale.electrons(read.counts).reshape(read.shape), good
 
     def width(self) -> Float:
         """σ [px] (n) that the declared rig gives a line at these columns."""
@@ -78,76 +90,39 @@ class Windows:
 
 
 def line_windows(
-    capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0, returns: int = 1
-) -> Windows:
+    capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0, returns: int = 1,
+    off_frames: OffFrames = "unused",
+) -> Windows:  # fmt: skip
     """The windows of a capture.
 
     Other arguments:
         least_half: least number of pixels to either side, which are four standard deviations of the declared line and two.
-        least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light.
-
+        least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light. A row of
+            Gaussian noise alone passes with a chance of at most cols · Q(least_sigmas), 5.5e-5 of 192 columns at 5.
         returns: windows per row, the brightest first; each later one lies outside of those before it.
+        off_frames: "subtracted": the mean of the frames without laser is taken from every lit one first.
 
-    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value, and for frames
-    of several channels.
+    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value, for frames
+    of several channels, and where no frame can be subtracted.
     """
     rig = read_rig(capture, "laser_line")
     check_keys(rig, LASER_LINE_KEYS)
-    scale = _Scale.of(rig)
-    counts = np.asarray(capture["counts"].values)
-    if counts.ndim != 3:
-        raise InputError(
-            "Line finders read frames of one channel.", where="counts", value=capture["counts"].dims,
-            allowed="frame, row, col", next_step="select a channel, or average over them",
-        )  # fmt: skip
-    frames, rows, cols = counts.shape
-    usable = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
+    scale = Scale.of(rig)
+    read = read_frames(capture, scale, off_frames)
+    frames, rows, _ = read.shape
     half = max(_half_window(rig), least_half)
-    peak, window, median, sound = scan_rows(
-        np.ascontiguousarray(counts).reshape(-1, cols), half, max(returns, 1), scale.top_dn, scale.dead_dn
-    )
+    peak, window, median, sound = scan_rows(read.counts, half, max(returns, 1), read.top_dn, read.dead_dn)
     shape = (frames, rows, peak.shape[1])
     level = np.repeat(scale.electrons(median), shape[2])
     z = scale.electrons(window).reshape(level.size, -1) - level[:, None]
-    fine = sound.ravel() & np.repeat(usable, rows * shape[2]) & np.isfinite(level)
+    noisy = level + read.ambient_variance_e(peak, half, scale)
+    fine = sound.ravel() & np.repeat(read.usable, shape[2]) & np.isfinite(level)
     with np.errstate(invalid="ignore"):
-        fine &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(level, 0.0))
+        fine &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(noisy, 0.0))
     z[~fine] = 0.0
-    return Windows(z, peak.ravel(), np.where(fine, level, 0.0), level, scale.floor_e2, scale.excess, fine, shape, rig)
-
-
-@dataclass(frozen=True)
-class _Scale:
-    """From counts to photoelectrons, and which counts are data."""
-
-    offset_dn: float
-    dn_per_e: float
-    top_dn: float
-    dead_dn: float
-    floor_e2: float
-    excess: float
-
-    @staticmethod
-    def of(rig: DeclaredRig) -> _Scale:
-        converter, (gain, excess) = rig.converter("detector"), rig.amplifier("detector.intensifier")
-        return _Scale(
-            converter.offset_dn, converter.gain_dn_per_e * gain, converter.saturation_dn, converter.dead_dn,
-            converter.floor_e2 / gain**2, excess,
-        )  # fmt: skip
-
-    def electrons(self, counts: npt.NDArray[Any]) -> Float:
-        with np.errstate(invalid="ignore"):
-            return np.asarray((np.asarray(counts, np.float64) - self.offset_dn) / self.dn_per_e)
-
-    def good(self, counts: npt.NDArray[Any]) -> Bool | None:
-        """Whether pixels are finite, neither clipped nor dead; None where all are, which two passes show."""
-        if counts.dtype.kind in "ui" and counts.size:
-            values = np.asarray(counts)
-            if float(values.max()) < self.top_dn and float(values.min()) > self.dead_dn:
-                return None
-        values = np.asarray(counts, np.float64)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.isfinite(values) & (values < self.top_dn) & (values > self.dead_dn))
+    return Windows(
+        z, peak.ravel(), np.where(fine, noisy, 0.0), level, scale.floor_e2, scale.excess, fine, shape, rig, off_frames
+    )  # fmt: skip
 
 
 def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None = None) -> xr.Dataset:
