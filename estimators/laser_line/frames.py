@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +35,7 @@ class Scale:
     excess: float
 
     @staticmethod
+    @lru_cache(maxsize=32)
     def of(rig: DeclaredRig) -> Scale:
         """The scale of a declared rig. Raises InputError where it lacks a value."""
         converter, (gain, excess) = rig.converter("detector"), rig.amplifier("detector.intensifier")
@@ -102,14 +104,14 @@ class Frames:
 def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Frames:
     """The frames of a capture. Raises InputError for several channels, and where frames without laser are to be subtracted and
     the capture holds none that is valid."""
-    counts = np.asarray(capture["counts"].values)
+    counts = np.asarray(capture.variables["counts"].values)
     if counts.ndim != 3:
         raise InputError(
             "Line finders read frames of one channel.", where="counts", value=capture["counts"].dims,
             allowed="frame, row, col", next_step="select a channel, or average over them",
         )  # fmt: skip
     shape = (counts.shape[0], counts.shape[1], counts.shape[2])
-    valid, on = (np.asarray(capture[name].values, bool) for name in ("valid", "laser_on"))
+    valid, on = (np.asarray(capture.variables[name].values, bool) for name in ("valid", "laser_on"))
     usable = np.repeat(valid & on, shape[1])
     flat = np.ascontiguousarray(counts).reshape(-1, shape[2])
     if off_frames == "unused":

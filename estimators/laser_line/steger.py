@@ -61,16 +61,16 @@ def line_steger(
     row, frame = windows.row, windows.frame
     column = np.full(row.size, np.nan)
     curve = np.zeros(row.size)
-    best = np.full(row.size, np.inf)
-    # The brightest smoothed pixel may be a neighbour of the brightest one.
+    # The brightest smoothed pixel may be a neighbour of the brightest one. Of several the sharpest ridge counts: beyond the line's
+    # inflection the second derivative is most negative along the line, and a crossing there is noise.
     for step in (0, -1, 1):
         at = np.clip(windows.peak + step, 0, cols - 1)
         local = {key: value[frame, row, at] for key, value in r.items()}
         place, bend = _ridge(**local)
-        better = np.isfinite(place) & (np.abs(place) < best)
-        column = np.where(better, step + place, column)
-        curve, best = np.where(better, bend, curve), np.where(better, np.abs(place), best)
-    ok = ~spoilt[frame, row, windows.peak] & (best <= _FARTHEST_PX)
+        with np.errstate(invalid="ignore"):
+            better = (np.abs(place) <= _FARTHEST_PX) & (np.abs(bend) > np.abs(curve))
+        column, curve = np.where(better, step + place, column), np.where(better, bend, curve)
+    ok = ~spoilt[frame, row, windows.peak] & np.isfinite(column)
     ok &= (row >= reach) & (row < rows - reach)
     with np.errstate(divide="ignore", invalid="ignore"):
         noise = np.sqrt(_slope_variance(windows, width)) / np.abs(curve)

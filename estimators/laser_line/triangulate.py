@@ -44,8 +44,8 @@ def triangulate_air(lines: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
 
 
 def _points(lines: xr.Dataset, geometry: Geometry) -> xr.Dataset:
-    column, spread = (np.asarray(lines[name].values, np.float64) for name in ("column", "sigma"))
-    valid = np.asarray(lines["valid"].values, bool)
+    column, spread = (np.asarray(lines.variables[name].values, np.float64) for name in ("column", "sigma"))
+    valid = np.asarray(lines.variables["valid"].values, bool)
     row = np.broadcast_to(np.arange(column.shape[1], dtype=np.float64)[:, None], column.shape)
     held = np.where(valid, column, geometry.camera.col0)
     if takes(geometry.camera):

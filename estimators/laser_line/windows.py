@@ -106,11 +106,10 @@ def line_windows(
     of several channels, and where no frame can be subtracted.
     """
     rig = read_rig(capture, "laser_line")
-    check_keys(rig, LASER_LINE_KEYS)
+    half = max(_half_window(rig), least_half)
     scale = Scale.of(rig)
     read = read_frames(capture, scale, off_frames)
     frames, rows, _ = read.shape
-    half = max(_half_window(rig), least_half)
     peak, window, median, sound = scan_rows(read.counts, half, max(returns, 1), read.top_dn, read.dead_dn)
     shape = (frames, rows, peak.shape[1])
     level = np.repeat(scale.electrons(median), shape[2])
@@ -204,5 +203,7 @@ def _declared_width(rig: DeclaredRig) -> Float:
     return np.where(known, width, np.median(width[known]) if known.any() else 1.0)
 
 
+@lru_cache(maxsize=32)
 def _half_window(rig: DeclaredRig) -> int:
+    check_keys(rig, LASER_LINE_KEYS)
     return int(np.clip(np.ceil(4.0 * np.median(_declared_width(rig))) + 2, _LEAST, _MOST))
