@@ -44,4 +44,4 @@ def line_blais_rioux(
     windows = line_windows(
         capture, least_sigmas=least_sigmas, least_half=order // 2 + 1, returns=returns, off_frames=off_frames
     )  # fmt: skip
-    return with_locking(windows, partial(_crossing, reach=order // 2))
+    return with_locking(windows, partial(_crossing, reach=order // 2), reach=order // 2 + 1, follows_peak="free")

@@ -74,4 +74,5 @@ def line_window_centroid(
     Returns column, sigma [px], valid (frame, row, return), as `line_centroid`.
     """
     windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
-    return with_locking(windows, partial(_within, reach=int(np.clip(reach, 1, windows.half))), follows_peak=True)
+    read = int(np.clip(reach, 1, windows.half))
+    return with_locking(windows, partial(_within, reach=read), reach=read, follows_peak="held")

@@ -29,4 +29,4 @@ def line_peak(
     Returns column, sigma [px], valid (frame, row, return). Invalid where the peak is not `least_sigmas` above the row's noise.
     """
     windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
-    return with_locking(windows, _middle, follows_peak=True)
+    return with_locking(windows, _middle, reach=0, follows_peak="held")

@@ -49,7 +49,7 @@ def line_parabola(
     Invalid where the peak is not `least_sigmas` above the row's noise, or where the window holds a bad pixel.
     """
     windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
-    return with_locking(windows, _parabola, follows_peak=True)
+    return with_locking(windows, _parabola, reach=1, follows_peak="free")
 
 
 @estimator(
@@ -64,4 +64,4 @@ def line_log_gaussian(
     background.
     """
     windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
-    return with_locking(windows, _log_gaussian, follows_peak=True)
+    return with_locking(windows, _log_gaussian, reach=1, follows_peak="free")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,10 @@ Formula = Callable[[Float], Float]
 _LEAST, _MOST = 3, 64
 #: Phases of the pixel over which a formula's error without noise is averaged.
 _PHASES = 64
+#: Widths [px] at which that is tabulated.
+_WIDTHS = np.geomspace(0.1, 10.0, 24)
+#: Where noise moves the brightest pixel by less [px, rms], it is the right one.
+_SURE_PX = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,28 +144,55 @@ def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None 
     )
 
 
-def with_locking(windows: Windows, formula: Formula, *, follows_peak: bool = False) -> xr.Dataset:
+def with_locking(
+    windows: Windows, formula: Formula, *, reach: int | None = None, follows_peak: Literal["no", "held", "free"] = "no"
+) -> xr.Dataset:
     """The result of a formula without a model of the pixels.
 
-    Its standard error holds the noise, √Σ(Δc)² with Δc half the change of c between a pixel's value plus and minus its standard
+    Other arguments:
+        reach: pixels to either side of the middle that the formula reads; all of them where it is not given.
+        follows_peak: of formulas that stay beside the brightest pixel, which noise moves: "held" where the answer moves with it,
+            "free" where the formula finds the line from a neighbour too (the vertex of a curve).
+
+    The standard error holds the noise, √Σ(Δc)² with Δc half the change of c between a pixel's value plus and minus its standard
     deviation, which holds what a pixel at a threshold does too; and what the formula errs without any noise: the rms over the
-    phases of a pixel, of a line as wide as the rig declares ("pixel locking"). `follows_peak`: of formulas that stay beside the
-    brightest pixel, also how far noise moves that one.
+    phases of a pixel, of a line as wide as the rig declares ("pixel locking"); of "held" ones also how far noise moves the
+    brightest pixel. Where it may move that pixel, the top of the line is flat against the noise, and a formula's slope at the
+    measured pixels says little: of "free" ones the noise is then that of small changes about the expected line.
     """
     position = formula(windows.z)
-    variance = windows.variance
+    z, variance = windows.z, windows.variance
+    swapped = np.zeros(position.shape) if follows_peak == "no" else _swapped(windows)
+    part = np.ones(position.shape)  # of a standard deviation, by which a pixel is changed
+    if follows_peak == "free" and (unsure := swapped > _SURE_PX).any():
+        part[unsure] = 0.01
+        line = _expected(windows, np.clip(np.nan_to_num(position), -0.5, 0.5))
+        z = np.where(unsure[:, None], line, z)
+        variance = np.where(unsure[:, None], _light_variance(windows, line), variance)
+    read = windows.half if reach is None else min(reach, windows.half)
     square = np.zeros(position.shape)
-    for k in range(windows.z.shape[1]):
-        step = np.sqrt(variance[:, k])
-        up, down = windows.z.copy(), windows.z.copy()
+    for k in range(windows.half - read, windows.half + read + 1):
+        step = part * np.sqrt(variance[:, k])
+        up, down = z.copy(), z.copy()
         up[:, k] += step
         down[:, k] -= step
-        change = 0.5 * (formula(up) - formula(down))
+        change = 0.5 * (formula(up) - formula(down)) / part
         # A change that has no number moves the answer by up to half of the window.
         square += np.minimum(np.where(np.isfinite(change), np.abs(change), windows.half), windows.half) ** 2
-    if follows_peak:
-        square += _swapped(windows) ** 2
+    if follows_peak == "held":
+        square += swapped**2
     return answered(windows, position, np.sqrt(square + _locking(windows, formula) ** 2))
+
+
+def _expected(windows: Windows, place: Float | float) -> Float:
+    """A line of the declared width and the window's light about `place` (n), photoelectrons (n, 2h + 1)."""
+    k = np.arange(-windows.half, windows.half + 1, dtype=np.float64) - np.reshape(place, (-1, 1))
+    share = gaussian_mean(k - 0.5, k + 0.5, windows.width()[:, None])
+    return np.asarray(np.maximum(windows.z.sum(axis=1), 0.0)[:, None] * share)
+
+
+def _light_variance(windows: Windows, light: Float) -> Float:
+    return np.asarray(windows.excess * (light + np.maximum(windows.level, 0.0)[:, None]) + windows.floor_e2)
 
 
 def _swapped(windows: Windows) -> Float:
@@ -170,9 +202,8 @@ def _swapped(windows: Windows) -> Float:
     Σ k² P_k/(1 + Σ P_k).
     """
     k = np.arange(-windows.half, windows.half + 1, dtype=np.float64)
-    share = gaussian_mean(k - 0.5, k + 0.5, windows.width()[:, None])
-    light = np.maximum(windows.z.sum(axis=1), 0.0)[:, None] * share
-    variance = windows.excess * (light + np.maximum(windows.level, 0.0)[:, None]) + windows.floor_e2
+    light = _expected(windows, 0.0)
+    variance = _light_variance(windows, light)
     middle = slice(windows.half, windows.half + 1)
     chance = ndtr((light - light[:, middle]) / np.sqrt(variance + variance[:, middle]))
     chance[:, windows.half] = 0.0
@@ -184,15 +215,23 @@ def _locking(windows: Windows, formula: Formula) -> Float:
     width = windows.width()
     if not np.isfinite(width).any():
         return np.zeros(width.shape)
-    table = np.geomspace(0.1, 10.0, 24)
-    x = np.arange(-windows.half, windows.half + 1, dtype=np.float64)
+    plain = formula.func if isinstance(formula, partial) else formula
+    given = tuple(sorted(formula.keywords.items())) if isinstance(formula, partial) else ()
+    rms = _locking_table(windows.half, plain, given)
+    return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(_WIDTHS), rms)
+
+
+@lru_cache(maxsize=64)
+def _locking_table(half: int, formula: Callable[..., Float], given: tuple[tuple[str, Any], ...]) -> Float:
+    """rms error [px] of a formula without noise, over the phases of a pixel, for each of `_WIDTHS`."""
+    x = np.arange(-half, half + 1, dtype=np.float64)
     phase = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
-    rms = np.empty(table.size)
-    for i, s in enumerate(table):
+    rms = np.empty(_WIDTHS.size)
+    for i, s in enumerate(_WIDTHS):
         line = gaussian_mean(x - 0.5 - phase[:, None], x + 0.5 - phase[:, None], s)
-        error = formula(line * 1e6) - phase
+        error = formula(line * 1e6, **dict(given)) - phase
         rms[i] = np.sqrt(np.nanmean(error**2)) if np.isfinite(error).any() else 0.5
-    return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(table), rms)
+    return rms
 
 
 @lru_cache(maxsize=32)
