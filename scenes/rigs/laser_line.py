@@ -116,10 +116,12 @@ KIND = RigKind(
     resize=_resize,
     roles={
         "ambient": "rig.ambient_e_per_s",
+        "baseline": "rig.laser.position_m",
         "full-well": "rig.detector.full_well_e",
         "gain": "rig.detector.gain_dn_per_e",
         "light": "rig.laser.power_w",
         "motion": "rig.motion_m_per_s",
         "read-noise": "rig.detector.read_noise_e",
+        "stand-off": "rig.port.stand_off_m",
     },
 )
