@@ -29,11 +29,16 @@ _WINDOW, _LEAST_HALF, _MOST_HALF = 0.35, 3, 12
 
 @dataclass(frozen=True)
 class Board:
-    """A checkerboard of `rows` × `cols` inner corners, `square_m` apart."""
+    """A checkerboard of `rows` × `cols` inner corners, `square_m` apart.
+
+    `beyond_m`: how far its plane goes on evenly, beyond the outermost corners along a row and along a column; the laser's line is
+    read there, outside of the squares.
+    """
 
     rows: int
     cols: int
     square_m: float
+    beyond_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if min(self.rows, self.cols) < 3 or self.rows == self.cols or not self.square_m > 0:
@@ -47,6 +52,16 @@ class Board:
         j, i = np.meshgrid(np.arange(self.rows), np.arange(self.cols), indexing="ij")
         zero = np.zeros(i.size)
         return np.stack([i.ravel() * self.square_m, j.ravel() * self.square_m, zero], axis=1)
+
+    def blank(self, x: Float, y: Float) -> npt.NDArray[np.bool_]:
+        """Whether places (…) [m] of the board's plane are even matter: within `beyond_m` of the corners, and a quarter of a
+        square or more outside of the squares."""
+        away = []
+        for place, count, beyond in ((x, self.cols, self.beyond_m[0]), (y, self.rows, self.beyond_m[1])):
+            outside = np.maximum(-place, place - (count - 1) * self.square_m)
+            away.append((outside <= beyond, outside >= 1.25 * self.square_m))
+        (in_x, off_x), (in_y, off_y) = away
+        return np.asarray(in_x & in_y & (off_x | off_y))
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class Adjusted:
 
 
 def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[str]) -> Adjusted:
-    """Adjust the `free` parameters (names of `deviations.PARAMETERS`) and all poses.
+    """Adjust the `free` parameters (names of `declared.CALIBRATED`) and all poses.
 
     Raises InputError for unknown names, for a plane without points of a line, a stand-off without a port, and where the views
     leave a parameter undetermined.

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from ...optics.rotation import turned_by
 from .geometry import Geometry
 
-__all__ = ["PARAMETERS", "STEPS", "deviated"]
+__all__ = ["STEPS", "deviated"]
 
 Float = npt.NDArray[np.float64]
 
-#: Parameters, and steps of their derivatives: small beside what a calibration leaves open, large beside rounding.
+#: Parameters (`declared.CALIBRATED`), and steps of their derivatives: small beside what a calibration leaves open, large beside rounding.
 STEPS: dict[str, float] = {
     "focal_px": 1e-3,
     "principal_row_px": 1e-3,
@@ -30,7 +30,6 @@ STEPS: dict[str, float] = {
     "turn_about_fan_rad": 1e-6,
     "shift_m": 1e-6,
 }
-PARAMETERS = tuple(STEPS)
 
 
 def deviated(geometry: Geometry, by: Mapping[str, float]) -> Geometry:
