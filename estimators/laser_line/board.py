@@ -169,7 +169,7 @@ def _first_steps(at: Float, seed: int) -> Float | None:
     if not aside.size or distance[aside[0]] > 2.5 * distance[order[0]]:
         return None
     two = away[aside[0]]
-    if one[0] * two[1] - one[1] * two[0] > 0:  # (row, col) pairs: the second step is to lie clockwise of the first
+    if one[0] * two[1] - one[1] * two[0] < 0:  # down, then right: the board is seen from its front
         two = -two
     return np.stack([one, two])
 

@@ -136,7 +136,9 @@ def with_calibration(rig: str, found: Adjusted) -> str:
     if camera.port is not None and values["port"]["kind"] == "flat":
         values["port"]["stand_off_m"] = camera.port.stand_off_m
     values["laser"] |= {
-        "position_m": sheet.source.tolist(), "normal": sheet.normal.tolist(), "axis": sheet.frame[:, 2].tolist()
+        "position_m": sheet.source.tolist(),
+        "normal": sheet.normal.tolist(),
+        "axis": sheet.frame[:, 2].tolist(),
     }
     values["calibration"] = {"parameters": list(found.names), "covariance": found.covariance.tolist()}
     return json.dumps(values, allow_nan=False)

@@ -15,7 +15,8 @@ __all__ = ["STEPS", "deviated"]
 
 Float = npt.NDArray[np.float64]
 
-#: Parameters (`declared.CALIBRATED`), and steps of their derivatives: small beside what a calibration leaves open, large beside rounding.
+#: Parameters (`declared.CALIBRATED`), and steps of their derivatives: small beside what a calibration leaves open, and large
+#: beside rounding.
 STEPS: dict[str, float] = {
     "focal_px": 1e-3,
     "principal_row_px": 1e-3,

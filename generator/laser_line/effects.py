@@ -39,7 +39,9 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
         effect("interreflection", False, *interreflection(scene)),
         effect("occlusion of laser and camera", True, None, "shadow rays to the laser's place"),
         effect(
-            EVEN_SCATTERED, False, None if rig.even_light_e_per_s and scene.medium.scattering_per_m > 0 else 0.0,
+            EVEN_SCATTERED,
+            False,
+            None if rig.even_light_e_per_s and scene.medium.scattering_per_m > 0 else 0.0,
             "even light reaches the camera straight",
         ),
         effect("lens point spread", rig.lens_sigma_px > 0, None, "Gaussian, along the rows"),
