@@ -24,6 +24,7 @@ from ...estimators.rig import DeclaredRig
 from ...optics.pinhole import Pinhole
 from ...optics.rotation import turned_by
 from ...optics.sheet import Sheet, meeting
+from ...scenes.errors import InputError
 from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.rigs.laser_line_geometry import line_camera, line_sheet
@@ -89,7 +90,11 @@ def _view(
             at, column = line
             spread = np.full(at.size, noise[1])
             return View(corners, camera.port, at, column + spread * rng.standard_normal(at.size), spread)
-    raise RuntimeError("no pose of a board within the view shows the line: widen the poses of this simulation")
+    raise InputError(
+        "No pose of a board shows its corners and the laser's line: the instrument cannot be calibrated in this way.",
+        where="calibration", value=f"{_TRIALS} random poses about {distance:.3g} m before the camera",
+        allowed="a sheet that crosses the view about the target's distance", next_step='leave out the condition "calibrated"',
+    )  # fmt: skip
 
 
 def _line(camera: Pinhole, sheet: Sheet, pose: BoardPose, size: tuple[int, int]) -> tuple[Float, Float] | None:

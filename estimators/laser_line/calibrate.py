@@ -42,7 +42,8 @@ def calibrate(
     """The rig from captures of a board, one view each, in air or through the port.
 
     Main arguments:
-        captures: of one rig, declared to some percent: first values are those of the last capture.
+        captures: of one rig, declared to some percent: first values are those of the last capture
+            (of the last one through a port, if there is one).
         board: its corners and the even surface beside them.
     Other arguments:
         free: parameters to find; None: all but k3, the stand-off only where a view looks through a port into another medium, the
@@ -53,7 +54,8 @@ def calibrate(
     if not captures:
         raise InputError("A calibration needs captures.", where="calibrate", value=0, allowed="one or more")
     views = [board_view(one, board, finder=finder, blur_px=blur_px, radius_px=radius_px) for one in captures]
-    start = declared_geometry(read_rig(captures[-1], str(captures[-1].attrs["modality"])))
+    behind = [capture for capture, view in zip(captures, views, strict=True) if view.port is not None] or captures
+    start = declared_geometry(read_rig(behind[-1], str(behind[-1].attrs["modality"])))
     bends = any(view.port is not None and abs(view.port.outside - view.port.inside) > _BENDS for view in views)
     lines = any(view.row.size for view in views)
     if free is None:
