@@ -12,6 +12,7 @@ from beambench.benchmarks.reproduce.tank_errors import observed, predicted
 from beambench.benchmarks.reproduce.tank_fit import binned, fit_sections, range_errors
 from beambench.benchmarks.reproduce.tank_frames import Plane, section_capture, section_line
 from beambench.benchmarks.reproduce.tank_sets import SETS, Section, tank_scene
+from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
 from beambench.generator.generate import generate
@@ -59,6 +60,37 @@ def test_the_library_scene_is_data_set_2() -> None:
         assert out.max() == pytest.approx(data_set.wall_m, abs=1e-5)
         centre = plane.gravity(np.asarray(scene.target[1].shape.center_m).reshape(3, 1))
         assert np.array(centre).ravel() == pytest.approx(data_set.section.centre, abs=2e-6)
+
+
+def test_the_suite_holds_the_five_data_sets() -> None:
+    scenes = load_suite("laser-tank").scenes
+    assert [name for name, _ in scenes] == [f"tank-{data_set.number}" for data_set in SETS]
+    for (_, scene), data_set in zip(scenes, SETS, strict=True):
+        assert scene.target == tank_scene(data_set).target
+
+
+@pytest.mark.parametrize("name", ["line-step", "line-panels", "pipe-survey"])
+def test_scenes_of_edges_shine_and_a_moving_rig(name: str) -> None:
+    """A step of 50 mm moves the line by 4 columns at once; a dark panel is read, a glossy one fills its pixels and is refused; a
+    pipe rises above the floor, and the frame without laser holds no line."""
+    changes = {"rig.frames.lit": 1} if name != "pipe-survey" else {"rig.frames.lit": 2}
+    capture = generate(load_scene(name, changes), seed=1, fidelity="direct", rtol=0.1)
+    found = run_estimator("line-ml", hide_truth(capture))
+    truth, valid = capture["truth_column"].values[0, :, 0], found["valid"].values[0, :, 0]
+    error = found["column"].values[0, :, 0] - truth
+    assert np.nanmedian(np.abs(error[valid])) < 0.03  # rows that an edge cuts have light and no line in their middle
+    if name == "line-step":
+        assert valid.all() and np.abs(np.diff(truth)).max() == pytest.approx(4.1, abs=0.2)
+        assert (np.abs(np.diff(truth)) > 1.0).sum() == 1
+    elif name == "line-panels":
+        bright = capture["counts"].values[0].max(axis=1)
+        dark, glossy = slice(180, 210), slice(115, 140)
+        assert valid[dark].mean() > 0.9 and bright[dark].max() < 0.15 * 255
+        assert (bright[glossy] == 255).mean() > 0.9 and not valid[glossy][bright[glossy] == 255].any()
+    else:
+        assert np.nanmax(truth[100:156]) - truth[20] > 5.0
+        assert not found["valid"].values[2].any() and np.isnan(capture["truth_column"].values[2]).all()
+        assert np.abs(np.nanmedian(capture["truth_column"].values[1] - capture["truth_column"].values[0])) < 0.1
 
 
 def test_a_traced_frame_is_that_of_the_section() -> None:
