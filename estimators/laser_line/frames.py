@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -44,6 +44,11 @@ class Scale:
             converter.offset_dn, converter.gain_dn_per_e * gain, converter.saturation_dn, converter.dead_dn,
             converter.floor_e2 / gain**2, excess,
         )  # fmt: skip
+
+    def of_gains(self, capture: xr.Dataset) -> Scale:
+        """The scale whose rounding is that of the least `gain` of the frames: stated errors are then never too small."""
+        least = float(_per_frame(capture, "gain").min()) if capture.sizes["frame"] else 1.0
+        return replace(self, floor_e2=self.floor_e2 + (least**-2 - 1.0) / (12.0 * self.dn_per_e**2))
 
     def electrons(self, counts: npt.NDArray[Any]) -> Float:
         """Photoelectrons of counts [DN]."""
@@ -93,8 +98,10 @@ class Frames:
 
 
 def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Frames:
-    """The frames of a capture. Raises InputError for several channels, and where frames without laser are to be subtracted and
-    the capture holds none that is valid."""
+    """The frames of a capture, all on the scale of the declared gain where the coordinate `gain` says what theirs was.
+
+    Raises InputError for several channels, for a gain or exposure that is not positive, and where frames without laser are to be
+    subtracted and the capture holds none that is valid."""
     counts = np.asarray(capture["counts"].values)
     if counts.ndim != 3:
         raise InputError(
@@ -104,8 +111,11 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
     shape = (counts.shape[0], counts.shape[1], counts.shape[2])
     valid, on = (np.asarray(capture[name].values, bool) for name in ("valid", "laser_on"))
     usable = np.repeat(valid & on, shape[1])
+    good = scale.good(counts.reshape(-1, shape[2]))
+    gain, exposure = (_per_frame(capture, name) for name in ("gain", "exposure"))
+    if (gain != 1.0).any():
+        counts = scale.offset_dn + (counts - scale.offset_dn) / gain[:, None, None]
     flat = counts.reshape(-1, shape[2])
-    good = scale.good(flat)
     if off_frames == "unused":
         return Frames(flat, good, usable, None, 0, shape)
     off = np.flatnonzero(valid & ~on)
@@ -115,16 +125,30 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
             value=f"{int(on.sum())} of {on.size} frames with laser", allowed="one valid frame or more without",
             next_step="record frames with the laser off (rig.frames.laser_off), or leave off_frames out",
         )  # fmt: skip
-    dark = counts[off].reshape(-1, shape[2])
-    dark_good = scale.good(dark)
-    ambient = scale.electrons(counts[off].mean(axis=0))
-    lit = np.asarray(counts, np.float64) - ambient * scale.dn_per_e
+    dark_good = scale.good(np.asarray(capture["counts"].values)[off].reshape(-1, shape[2]))
+    # Light of the exposure of each lit frame; the mean of frames of other exposures is that of their rates.
+    rate = (scale.electrons(counts[off]) / exposure[off, None, None]).mean(axis=0)
+    lit = np.asarray(counts, np.float64) - rate * exposure[:, None, None] * scale.dn_per_e
+    ambient = rate * float(exposure[valid & on].mean() if (valid & on).any() else 1.0)
     if dark_good is not None:
         kept = dark_good.reshape(off.size, *shape[1:]).all(axis=0)
         both = np.ones(flat.shape, bool) if good is None else good
         good = both & np.tile(kept, (shape[0], 1))
         ambient, lit = np.where(kept, ambient, 0.0), np.where(kept, lit, np.nan)
     return Frames(lit.reshape(-1, shape[2]), good, usable, ambient, int(off.size), shape)
+
+
+def _per_frame(capture: xr.Dataset, name: str) -> Float:
+    """A setting of every frame, 1 where the capture does not say."""
+    frames = capture.sizes["frame"]
+    if name not in capture.coords:
+        return np.ones(frames)
+    setting = np.asarray(capture[name].values, np.float64)
+    if not (np.isfinite(setting) & (setting > 0)).all():
+        raise InputError(
+            f"The {name} of a frame is not positive.", where=name, value=setting.tolist(), allowed="above 0"
+        )
+    return setting
 
 
 def medians(counts: npt.NDArray[Any], good: Bool | None) -> Float:

@@ -107,7 +107,7 @@ def line_windows(
     """
     rig = read_rig(capture, "laser_line")
     check_keys(rig, LASER_LINE_KEYS)
-    scale = Scale.of(rig)
+    scale = Scale.of(rig).of_gains(capture)
     read = read_frames(capture, scale, off_frames)
     counts, good = read.counts, read.good
     frames, rows, cols = read.shape
