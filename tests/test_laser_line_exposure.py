@@ -123,8 +123,8 @@ def test_a_level_that_the_converter_lacks_is_refused() -> None:
 
 
 def test_a_line_filter_lets_the_line_be_found_beside_the_vehicles_lamps() -> None:
-    """300 lx of a black body of 3200 K on the wall: without a filter every pixel is full, through 3 nm at the laser's wavelength the
-    line is found. The two rates are in the ratio of photons in the two bands, here by Planck's law written out. What the filter
+    """300 lx of a black body of 3200 K on the wall: without a filter every pixel is full, through 3 nm the line is found.
+    The two rates are in the ratio of photons in the two bands, here by Planck's law written out. What the filter
     takes of the laser's own light is part of the camera's transmission."""
     lamp = {
         "kind": "spectrum", "temperature_k": 3200.0, "illuminance_lux": 300.0, "reflectance": 0.5, "water": "none",
