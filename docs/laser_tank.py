@@ -90,7 +90,9 @@ def tables() -> str:
     for source in budget():
         sign = "+" if source.kind == "shift" else ""
         lines.append(
-            f"| {source.name} | {source.assumed} | " + " | ".join(f"{1e3 * e:{sign}.2g}" for e in source.error_m) + " |"
+            f"| {source.name} | {source.assumed} | "
+            + " | ".join(f"{1e3 * e:{sign}.{2 if abs(e) < 0.0995 else 3}g}" for e in source.error_m)
+            + " |"
         )
     return "\n".join(lines)
 
