@@ -92,8 +92,8 @@ def observed(readout: str) -> Observed:
             error, range_m = range_errors(down, out, model)
             true_error, _ = range_errors(down, out, true)
             errors.append((error, range_m, true_error, np.full(error.size, data_set.number)))
-        mean = np.mean([[s.floor_m, s.wall_m, s.target_out_m] for s in fitted], axis=0)
-        of[data_set.number] = Section(*(float(v) for v in mean), fitted[0].radius_m)
+        floor, wall, target = np.mean([[s.floor_m, s.wall_m, s.target_out_m] for s in fitted], axis=0)
+        of[data_set.number] = Section(float(floor), float(wall), float(target), fitted[0].radius_m)
     error, range_m, true_error, number = (np.concatenate(part) for part in zip(*errors, strict=True))
     return Observed(
         binned(error, range_m, BIN_M), binned(true_error, range_m, BIN_M), of, error, range_m, number.astype(np.int64)

@@ -82,7 +82,8 @@ def section_line(
     """The line of every row (rows), by bisection between the first two grid columns that lie before and behind the section."""
     grid = np.linspace(cols - 0.5, -0.5, _GRID)
     row = np.arange(rows, dtype=np.float64)
-    behind = plane.beyond(*np.broadcast_arrays(row[:, None], grid), section) > 0
+    at_row, at_col = np.broadcast_arrays(row[:, None], grid)
+    behind = plane.beyond(at_row, at_col, section) > 0
     cell = np.argmax(~behind[:, :-1] & behind[:, 1:], axis=1)
     there = (~behind[:, :-1] & behind[:, 1:]).any(axis=1)
     near, far = grid[cell], grid[cell + 1]
