@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -43,6 +43,11 @@ class Scale:
             converter.offset_dn, converter.gain_dn_per_e * gain, converter.saturation_dn, converter.dead_dn,
             converter.floor_e2 / gain**2, excess,
         )  # fmt: skip
+
+    def of_gains(self, capture: xr.Dataset) -> Scale:
+        """The scale whose rounding is that of the least `gain` of the frames: stated errors are then never too small."""
+        least = float(_per_frame(capture, "gain").min()) if capture.sizes["frame"] else 1.0
+        return replace(self, floor_e2=self.floor_e2 + (least**-2 - 1.0) / (12.0 * self.dn_per_e**2))
 
     def electrons(self, counts: npt.NDArray[Any]) -> Float:
         """Photoelectrons of counts [DN]."""
@@ -102,8 +107,10 @@ class Frames:
 
 
 def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Frames:
-    """The frames of a capture. Raises InputError for several channels, and where frames without laser are to be subtracted and
-    the capture holds none that is valid."""
+    """The frames of a capture, all on the scale of the declared gain where the coordinate `gain` says what theirs was.
+
+    Raises InputError for several channels, for a gain or exposure that is not positive, and where frames without laser are to be
+    subtracted and the capture holds none that is valid."""
     counts = np.asarray(capture.variables["counts"].values)
     if counts.ndim != 3:
         raise InputError(
@@ -114,8 +121,15 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
     valid, on = (np.asarray(capture.variables[name].values, bool) for name in ("valid", "laser_on"))
     usable = np.repeat(valid & on, shape[1])
     flat = np.ascontiguousarray(counts).reshape(-1, shape[2])
+    gain, exposure = (_per_frame(capture, name) for name in ("gain", "exposure"))
+    top, dead, scaled = scale.top_dn, scale.dead_dn, counts
+    if (gain != 1.0).any():
+        good = scale.good(counts)
+        scaled = scale.offset_dn + (counts - scale.offset_dn) / gain[:, None, None]
+        scaled[np.zeros(counts.shape, bool) if good is None else ~good] = np.nan
+        flat, top, dead = scaled.reshape(-1, shape[2]), np.inf, -np.inf
     if off_frames == "unused":
-        return Frames(flat, usable, None, 0, shape, scale.top_dn, scale.dead_dn)
+        return Frames(flat, usable, None, 0, shape, top, dead)
     off = np.flatnonzero(valid & ~on)
     if not off.size:
         raise InputError(
@@ -124,11 +138,26 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
             next_step="record frames with the laser off (rig.frames.laser_off), or leave off_frames out",
         )  # fmt: skip
     good, dark_good = scale.good(counts), scale.good(counts[off])
-    ambient = scale.electrons(counts[off].mean(axis=0))
-    lit = np.asarray(counts, np.float64) - ambient * scale.dn_per_e
+    # Light of the exposure of each lit frame; the mean of frames of other exposures is that of their rates.
+    rate = (scale.electrons(scaled[off]) / exposure[off, None, None]).mean(axis=0)
+    lit = np.asarray(scaled, np.float64) - rate * exposure[:, None, None] * scale.dn_per_e
     if good is not None:
         lit[~good] = np.nan
     if dark_good is not None:
         lit[:, ~dark_good.all(axis=0)] = np.nan
+    ambient = rate * float(exposure[valid & on].mean() if (valid & on).any() else 1.0)
     ambient = np.where(np.isfinite(ambient), ambient, 0.0)
     return Frames(lit.reshape(-1, shape[2]), usable, ambient, int(off.size), shape, np.inf, -np.inf)
+
+
+def _per_frame(capture: xr.Dataset, name: str) -> Float:
+    """A setting of every frame, 1 where the capture does not say."""
+    frames = capture.sizes["frame"]
+    if name not in capture.coords:
+        return np.ones(frames)
+    setting = np.asarray(capture[name].values, np.float64)
+    if not (np.isfinite(setting) & (setting > 0)).all():
+        raise InputError(
+            f"The {name} of a frame is not positive.", where=name, value=setting.tolist(), allowed="above 0"
+        )
+    return setting

@@ -33,7 +33,7 @@ def meet_sheet(camera: Pinhole, sheet: Sheet, row: Float, col: Float) -> tuple[F
     """(points X (n, 3) [m], |∂X/∂c| (n, 3) [m/px]) of pixel coordinates (n); NaN as of `Geometry.points`."""
     port = camera.port
     window = (0.0, 0.0, 1.0, 1.0, 1.0)
-    if port is not None:
+    if isinstance(port, FlatPort):
         window = (port.stand_off_m, port.thickness_m, port.inside, port.glass, port.outside)
     point, slope = np.empty((row.size, 3)), np.empty((row.size, 3))
     _meet_all(

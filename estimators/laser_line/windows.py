@@ -112,7 +112,7 @@ def line_windows(
     """
     rig = read_rig(capture, "laser_line")
     half = max(_half_window(rig), least_half)
-    scale = Scale.of(rig)
+    scale = Scale.of(rig).of_gains(capture)
     read = read_frames(capture, scale, off_frames)
     frames, rows, _ = read.shape
     peak, window, median, sound = scan_rows(read.counts, half, max(returns, 1), read.top_dn, read.dead_dn)
