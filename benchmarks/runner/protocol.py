@@ -17,7 +17,9 @@ import xarray as xr
 
 from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
 
-__all__ = ["THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "write_capture", "write_meta"]
+__all__ = [
+    "THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "unsound", "write_capture", "write_meta",
+]  # fmt: skip
 
 #: Longest dimension that an estimator may choose.
 _LONGEST = 65536
@@ -128,10 +130,20 @@ def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dic
         if mapped.dtype.kind != ("b" if name in flags else "f"):
             return {}, f"{name} is of type {mapped.dtype}"
         arrays[name] = np.array(mapped, dtype=bool if name in flags else np.float64)
+    wrong = unsound(arrays, stage)
+    return ({}, wrong) if wrong else (arrays, "")
+
+
+def unsound(arrays: dict[str, np.ndarray], stage: Stage) -> str:
+    """Reason why the numbers of an answer are invalid, or "": types, and values that are none."""
+    for name, array in arrays.items():
+        flag = name in {stage.variables(quantity).valid for quantity in stage.gives}
+        if array.dtype.kind != ("b" if flag else "f"):
+            return f"{name} is of type {array.dtype}"
     for quantity in stage.gives:
         if wrong := _not_finite(arrays, stage, quantity):
-            return {}, wrong
-    return arrays, ""
+            return wrong
+    return ""
 
 
 def _not_finite(arrays: dict[str, np.ndarray], stage: Stage, quantity: Quantity) -> str:
