@@ -153,7 +153,7 @@ def seen_lines(row: Float, col: Float, *, most_px: float = 5.0, least: int = 100
         top = int(pile.argmax())
         near = np.abs(upright - 0.5 * (edges[top] + edges[top + 1])) < most_px
         if pile[top] < least:
-            raise InputError("Too few lines are found.", where="seen_lines", value=len(made), allowed=f"{LINES} lines")
+            raise InputError("The image shows too few lines.", where="seen_lines", value=len(made), allowed=f"{LINES} lines")
         pile[max(top - 4, 0) : top + 5] = 0
         rest = col[near] - np.polyval(np.polyfit(row[near], col[near], 2), row[near])
         kept = np.abs(rest) < 3.0 * 1.4826 * np.median(np.abs(rest))

@@ -121,13 +121,13 @@ def _checked(views: Sequence[View], names: tuple[str, ...]) -> tuple[str, ...]:
     plane = [name for name in names if name.startswith("turn_") or name == "shift_m"]
     if plane and sum(view.row.size for view in views) < 8:
         raise InputError(
-            "The laser's plane cannot be found: no view shows the line on the board's plane.", where="views",
+            "The laser's plane cannot be calibrated: no view shows the line on the board's plane.", where="views",
             value=sum(view.row.size for view in views), allowed="8 points of the line or more",
             next_step="leave the plane out of the free parameters, or take frames with the laser on",
         )  # fmt: skip
     if "stand_off_m" in names and all(view.port is None for view in views):
         raise InputError(
-            "The stand-off cannot be found: no view looks through a port.", where="views", value="port.kind none",
+            "The stand-off cannot be calibrated: no view looks through a port.", where="views", value="port.kind none",
             allowed="a view through a flat port", next_step="leave stand_off_m out of the free parameters",
         )  # fmt: skip
     return names
