@@ -126,7 +126,7 @@ def found_lines(
     scene = load_scene("laser-stereo15", dict(overrides or {}))
     counts = np.maximum(light - median_filter(light, (1, width_px)) + _OFFSET_DN, 1.0).astype(np.float32)
     capture = make_capture(
-        "laser_line", {"counts": counts[None]},
+        scene.modality, {"counts": counts[None]},
         {"time": [0.0], "laser_on": True, "valid": True, "pose": np.zeros((1, 6))}, {},
         {"rig": declared_rig(scene), "truth_kind": "none", "averaged": True},
     )  # fmt: skip
