@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ...scenes.base import Positive, Spec
 from ...scenes.errors import InputError
@@ -114,6 +114,10 @@ class Calibration(Spec):
     corner_sigma_px: Positive | None = None
     line_sigma_px: Positive | None = None
     seed: Seed = 0
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in handler(self).items() if value is not None}
 
     def of(self, name: str) -> float:
         """A value that a calibration needs. Raises InputError where the suite does not state it."""
