@@ -10,6 +10,7 @@ import xarray as xr
 from ..bounds.laser_line import laser_line_bounds
 from ..scores.truth import Truth
 from .judge import Judge
+from .laser_line_boards import board_calibration
 
 __all__ = ["JUDGE"]
 
@@ -22,6 +23,7 @@ def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
 JUDGE = Judge(
     truth=_truth,
     bound=laser_line_bounds,
+    calibrate=board_calibration,
     neighbours=("line-ml", "line-log-gaussian", "line-centroid"),
     scenes=("spotscan-wall",),
     feeders={"triangulation": "line-erf"},

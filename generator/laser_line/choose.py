@@ -11,7 +11,7 @@ from ...scenes.rigs.laser_line_geometry import ambient_e_per_s
 from ...scenes.scene import Scene
 from ..choice import Choice, Rtol, Rung, chosen
 from ..effect import interreflection
-from .effects import MOTION, SCATTERED, motion_blur, scattered_sizes
+from .effects import EVEN_SCATTERED, MOTION, SCATTERED, motion_blur, scattered_sizes
 from .expected import frame_light
 from .setting import poses_of, setting_of
 
@@ -33,6 +33,8 @@ def choose(scene: Scene, rtol: Rtol) -> Choice:
     sizes = {name: size for name, (size, _) in scattered_sizes(scene, light).items()}
     sizes["interreflection"] = interreflection(scene)[0]
     sizes[MOTION] = motion_blur(scene, light)
+    uneven = setting.rig.even_light_e_per_s and scene.medium.scattering_per_m > 0
+    sizes[EVEN_SCATTERED] = None if uneven else 0.0
     limit = _noise(scene, float(light.line.max(initial=0.0))) if rtol == "noise" else float(rtol)
     left: dict[Rung, list[str]] = {"direct": [name for name in sizes if name != SCATTERED[2]]}
     if light.scattered is not None:

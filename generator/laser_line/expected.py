@@ -17,6 +17,7 @@ from ..effect import no_light
 from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
+from .even_light import even_light
 from .light import line_light, nodes_of
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, poses_of, setting_of
@@ -79,6 +80,10 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     poses, coords = poses_of(rig)
     ambient = ambient_e_per_s(rig, phase_index(scene.medium, rig.wavelength_m)) * rig.detector.exposure_s
     electrons = np.full((len(poses), rig.camera.rows, rig.camera.cols), ambient, dtype=np.float32)
+    uneven = bool(rig.even_light_e_per_s)
+    for number, pose in enumerate(poses if uneven else ()):
+        same = number > 0 and _same(pose, poses[0])
+        electrons[number] = electrons[0] if same else electrons[number] + even_light(setting, pose).astype(np.float32)
     background = electrons + np.float32(dark_e(rig))
     frames: list[FrameLight] = []
     for number, pose in enumerate(poses[: rig.frames.lit]):
@@ -91,7 +96,7 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
             electrons[number] += extra
             background[number] += extra
     truth = _truth([light.truth for light in frames], rig) | {
-        "truth_background": background if scatters else background[:, 0, 0].astype(np.float64)
+        "truth_background": background if scatters or uneven else background[:, 0, 0].astype(np.float64)
     }
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))

@@ -16,7 +16,7 @@ __all__ = ["LaserLineRig"]
 
 _Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
 #: Absent options are left out of the data.
-_OPTIONAL = ("motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px")
+_OPTIONAL = ("motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s")
 
 
 class LaserLineRig(RigSpec):
@@ -27,6 +27,8 @@ class LaserLineRig(RigSpec):
     frame is taken at once.
     Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`: the rate is
     then that of a camera in the medium, and `laser_line_geometry.ambient_e_per_s` that behind the port.
+    `even_light_e_per_s`: photoelectrons per second that a pixel on the axis collects from a white surface near the camera, under
+    light that comes evenly from all sides and shows the target's albedo and texture.
     """
 
     kind: Literal["laser_line"] = "laser_line"
@@ -40,6 +42,7 @@ class LaserLineRig(RigSpec):
     frames: Frames
     ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
+    even_light_e_per_s: Rate | None = None
     t0_s: MomentTime
     motion_m_per_s: Velocity | None = None
     turn_rad_per_s: tuple[_Turn, _Turn, _Turn] | None = None
