@@ -16,6 +16,7 @@ BUILTIN: dict[str, str] = {
     "learned": "beambench.estimators.gated.learned:learned",
     "line-blais-rioux": "beambench.estimators.laser_line.blais_rioux:line_blais_rioux",
     "line-centroid": "beambench.estimators.laser_line.centroid:line_centroid",
+    "line-derivative": "beambench.estimators.laser_line.derivative:line_derivative",
     "line-erf": "beambench.estimators.laser_line.fits:line_erf",
     "line-log-gaussian": "beambench.estimators.laser_line.three_points:line_log_gaussian",
     "line-ml": "beambench.estimators.laser_line.fits:line_ml",

@@ -108,6 +108,7 @@ estimators new: --debug <flag> default False
 estimators new: --json <flag> default False
 estimators new: --out -o <text> default None
 estimators new: --overwrite <flag> default False
+estimators new: --stage <text> default None
 estimators new: NAME <text> required
 estimators train: --data <text...> required
 estimators train: --debug <flag> default False

@@ -60,7 +60,6 @@ def declared_geometry(rig: DeclaredRig, *, port: str = "declared") -> Geometry:
 
     Raises InputError where the rig lacks a value or holds one that cannot be used.
     """
-    check_keys(rig, LASER_LINE_KEYS)
     return _geometry(rig, port)
 
 
@@ -85,6 +84,7 @@ def declared_covariance(rig: DeclaredRig) -> tuple[tuple[str, ...], Float]:
 
 @lru_cache(maxsize=32)
 def _geometry(rig: DeclaredRig, port: str) -> Geometry:
+    check_keys(rig, LASER_LINE_KEYS)
     pitch = rig.number("camera.pixel_pitch_m", above=0)
     k1, k2, p1, p2, k3 = rig.numbers("camera.distortion", length=5).tolist()
     camera = Pinhole(

@@ -17,6 +17,7 @@ from ..result import stage_result
 from ..rig import DeclaredRig
 from .deviations import STEPS, deviated
 from .geometry import Geometry, declared_covariance, declared_geometry
+from .ray_kernel import meet_sheet, takes
 
 __all__ = ["triangulate_air", "triangulate_pinhole_port", "triangulate_refractive"]
 
@@ -48,20 +49,24 @@ def triangulate_air(lines: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
 
 
 def _points(lines: xr.Dataset, geometry: Geometry, rig: DeclaredRig, *, without: tuple[str, ...] = ()) -> xr.Dataset:
-    column, spread = (np.asarray(lines[name].values, np.float64) for name in ("column", "sigma"))
-    valid = np.asarray(lines["valid"].values, bool)
+    column, spread = (np.asarray(lines.variables[name].values, np.float64) for name in ("column", "sigma"))
+    valid = np.asarray(lines.variables["valid"].values, bool)
     row = np.broadcast_to(np.arange(column.shape[1], dtype=np.float64)[:, None], column.shape)
     held = np.where(valid, column, geometry.camera.col0)
-    point = geometry.points(row, held)
-    slope = (geometry.points(row, held + _STEP) - geometry.points(row, held - _STEP)) / (2.0 * _STEP)
-    sigma = np.sqrt((slope * spread) ** 2 + _LEAST_M**2 + _uncalibrated(geometry, rig, without, row, held))
-    return stage_result("triangulation", point=np.moveaxis(point, 0, -1), sigma=np.moveaxis(sigma, 0, -1), valid=valid)
+    if takes(geometry.camera):
+        flat, per_px = meet_sheet(geometry.camera, geometry.sheet, np.ascontiguousarray(row).ravel(), held.ravel())
+        point, slope = flat.reshape(*held.shape, 3), per_px.reshape(*held.shape, 3)
+    else:
+        ends = [np.moveaxis(geometry.points(row, held + step), 0, -1) for step in (0.0, -_STEP, _STEP)]
+        point, slope = ends[0], np.abs(ends[2] - ends[1]) / (2.0 * _STEP)
+    variance = (slope * spread[..., None]) ** 2 + _LEAST_M**2
+    if rig.get("calibration") is not None:
+        variance = variance + np.moveaxis(_uncalibrated(geometry, rig, without, row, held), 0, -1)
+    return stage_result("triangulation", point=point, sigma=np.sqrt(variance), valid=valid)
 
 
 def _uncalibrated(geometry: Geometry, rig: DeclaredRig, without: tuple[str, ...], row: Float, col: Float) -> Float:
-    """Variance (3, …) [m²] of points by what the rig's calibration leaves open; 0 for a rig without one."""
-    if rig.get("calibration") is None:
-        return np.zeros(())
+    """Variance (3, …) [m²] of points by what the rig's calibration leaves open."""
     names, covariance = declared_covariance(rig)
     own = [k for k, name in enumerate(names) if name not in without]
     slopes = []

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.scene import Scene
 from ..choice import Choice
 from ..effect import Effect
@@ -28,13 +29,17 @@ def _choose(scene: Scene, request: Request) -> Choice:
 
 def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     from .expected import expect
+    from .exposure import exposed
 
-    return expect(scene, request)
+    return exposed(scene, expect(scene, request))
 
 
 def _read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDArray[Any]:
     from .expected import read
+    from .exposure import read_exposed
 
+    if laser_line_rig(scene).auto_exposure is not None:
+        return read_exposed(scene, expected, request)
     return read(scene, expected, request)
 
 
