@@ -17,6 +17,7 @@ from ..effect import no_light
 from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
+from .exposure import frame_settings
 from .light import line_light, nodes_of
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, poses_of, setting_of
@@ -128,4 +129,5 @@ def read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDAr
     """Counts of the detector."""
     rig = laser_line_rig(scene)
     pattern = fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols)
-    return detect(expected.electrons, rig.detector, pattern, request.seed, request.capture_key)
+    own = frame_settings(rig, expected.coords)
+    return detect(expected.electrons, rig.detector, pattern, request.seed, request.capture_key, **own)
