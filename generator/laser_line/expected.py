@@ -18,6 +18,7 @@ from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
 from .even_light import even_light
+from .exposure import frame_settings
 from .light import line_light, nodes_of
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, poses_of, setting_of
@@ -133,4 +134,5 @@ def read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDAr
     """Counts of the detector."""
     rig = laser_line_rig(scene)
     pattern = fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols)
-    return detect(expected.electrons, rig.detector, pattern, request.seed, request.capture_key)
+    own = frame_settings(rig, expected.coords)
+    return detect(expected.electrons, rig.detector, pattern, request.seed, request.capture_key, **own)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.scene import Scene
 from ..choice import Choice
 from ..effect import Effect
@@ -36,10 +35,7 @@ def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
 
 def _read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDArray[Any]:
     from .expected import read
-    from .exposure import read_exposed
 
-    if laser_line_rig(scene).auto_exposure is not None:
-        return read_exposed(scene, expected, request)
     return read(scene, expected, request)
 
 
