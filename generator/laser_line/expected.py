@@ -17,12 +17,13 @@ from ..effect import no_light
 from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
+from .full import SAMPLING, Rest, Tracing, rest_of
 from .light import line_light, nodes_of
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, poses_of, setting_of
 from .truth import LineTruth, line_truth
 
-__all__ = ["FrameLight", "dark_e", "expect", "frame_light", "path_of", "read"]
+__all__ = ["FrameLight", "dark_e", "expect", "frame_light", "path_of", "read", "tracing_of"]
 
 Float = NDArray[np.float64]
 
@@ -39,8 +40,9 @@ class FrameLight:
     change: float
 
 
-def frame_light(setting: Setting, pose: Pose, rtol: float, *, wide: bool) -> FrameLight:
-    """The light of one frame. `wide`: whether the halo is to hold the light of the line beyond the image too."""
+def frame_light(setting: Setting, pose: Pose, rtol: float, *, wide: bool, fine: bool | None = None) -> FrameLight:
+    """The light of one frame. `wide`: whether the halo is to hold the light of the line beyond the image too; `fine`: whether
+    the curtain is to be computed in every row, as `wide` by default."""
     nodes = nodes_of(setting, pose)
     lit = line_light(setting, pose, nodes, rtol)
     truth = line_truth(setting, pose, nodes)
@@ -52,7 +54,9 @@ def frame_light(setting: Setting, pose: Pose, rtol: float, *, wide: bool) -> Fra
         around, margin = widened(setting)
         image = line_light(around, pose, nodes_of(around, pose), rtol).electrons
     # For the sizes of effects alone, some rows are enough: the curtain is smooth.
-    veil = curtain(setting, pose, phase, every=1 if wide else max(setting.rig.camera.rows // 64, 1))
+    veil = curtain(
+        setting, pose, phase, every=1 if (wide if fine is None else fine) else max(setting.rig.camera.rows // 64, 1)
+    )
     scattered = Scattered(veil, halo(setting, image, margin, path_of(setting, truth), phase))
     return FrameLight(truth, lit.electrons, scattered, lit.rays + image.size + 4 * veil.size, lit.change)
 
@@ -75,31 +79,79 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     """
     setting = setting_of(scene, request.tracer)
     rig = setting.rig
-    scatters = request.rung == "scatter" and phase_of(scene) is not None
+    full, scatters = request.rung == "full", request.rung != "direct" and phase_of(scene) is not None
     poses, coords = poses_of(rig)
     ambient = ambient_e_per_s(rig, phase_index(scene.medium, rig.wavelength_m)) * rig.detector.exposure_s
     electrons = np.full((len(poses), rig.camera.rows, rig.camera.cols), ambient, dtype=np.float32)
     background = electrons + np.float32(dark_e(rig))
+    sigma = np.zeros(electrons.shape, np.float32)
     frames: list[FrameLight] = []
+    rests: list[Rest] = []
+    aim = (SAMPLING if full else 1.0) * request.error
     for number, pose in enumerate(poses[: rig.frames.lit]):
         same = number > 0 and _same(pose, poses[0])
-        light = frames[0] if same else frame_light(setting, pose, request.error, wide=scatters)
+        light = frames[0] if same else frame_light(setting, pose, aim, wide=scatters and not full, fine=scatters)
         frames.append(light)
         electrons[number] += light.line.astype(np.float32)
+        extra = np.zeros_like(light.line)
         if scatters and light.scattered is not None:
-            extra = (light.scattered.curtain + light.scattered.halo).astype(np.float32)
-            electrons[number] += extra
-            background[number] += extra
+            extra = light.scattered.curtain if full else light.scattered.curtain + light.scattered.halo
+        if full:
+            rest = (
+                rests[0] if same else frame_rest(setting, pose, light, aim, (request.seed, request.capture_key, number))
+            )
+            rests.append(rest)
+            extra = extra + rest.light.reshape(extra.shape)
+            sigma[number] = rest.sigma.reshape(extra.shape)
+        electrons[number] += extra.astype(np.float32)
+        background[number] += extra.astype(np.float32)
     truth = _truth([light.truth for light in frames], rig) | {
-        "truth_background": background if scatters else background[:, 0, 0].astype(np.float64)
+        "truth_background": background if scatters or full else background[:, 0, 0].astype(np.float64)
     }
+    if full:
+        truth["truth_standard_error"] = sigma
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))
     dark = not any(light.line.any() for light in frames)
     warnings = (no_light(scene, "frame", "the sheet or the view"),) if dark else ()
     rays = sum(light.rays for light in {id(light): light for light in frames}.values())
-    traced = {"last_doubling_moved": max(light.change for light in frames)}
+    traced: dict[str, Any] = {"last_doubling_moved": max(light.change for light in frames)}
+    if full:
+        traced |= {
+            "samples_per_pixel": max(rest.samples for rest in rests),
+            "standard_error": max(rest.epsilon for rest in rests),
+            "reached": all(rest.reached for rest in rests),
+        }
+        if not traced["reached"]:
+            warnings += (
+                f"{scene.name}: the paths are used up: the standard error of the traced light is {traced['standard_error']:.2g} "
+                f"of the image, more than rtol {request.error:g}.",
+            )
     return Expected(electrons, coords, truth, rays, frames[0], warnings, traced)
+
+
+def frame_rest(setting: Setting, pose: Pose, light: FrameLight, rtol: float, name: tuple[int, int, int]) -> Rest:
+    """What the full rung adds to line and curtain of a frame, to a standard error of `rtol`; `name` as of `tracing_of`."""
+    known = light.line
+    if light.scattered is not None:
+        known = known + light.scattered.curtain
+    return rest_of(tracing_of(setting, pose, light, name), known.ravel(), rtol)
+
+
+def tracing_of(
+    setting: Setting, pose: Pose, light: FrameLight, name: tuple[int, int, int], rows: NDArray[np.intp] | None = None
+) -> Tracing:
+    """The paths of a frame, or of some of its rows in rising order.
+
+    Main arguments:
+        name: seed, capture key and number of the frame, which name the random numbers.
+    """
+    camera = setting.rig.camera
+    rows = np.arange(camera.rows) if rows is None else rows
+    row, col = (v.ravel() for v in np.meshgrid(rows, np.arange(camera.cols), indexing="ij"))
+    reached = np.linalg.norm(light.truth.point - setting.sheet.source, axis=-1)
+    far = float(np.nanmedian(reached)) if np.isfinite(reached).any() else 0.5 * path_of(setting, light.truth)
+    return Tracing(setting, pose, row, col, far, *name)
 
 
 def dark_e(rig: LaserLineRig) -> float:

@@ -101,6 +101,16 @@ class Setting:
     def electrons(self, row: Float, col: Float, intensity: Float, r1: Float, r2: Float, response: Float) -> Float:
         """Photoelectrons per pixel (n) by ladar's camera equation: `intensity` [1/sr] of the laser, r₁ from it and r₂ [m] back,
         `response` [1/sr]. Radiance that leaves a port for air falls by (n_inside/n_outside)²."""
+        return self._collected(row, col, intensity, r1, r2, response, self.scene.medium.attenuation_per_m)
+
+    def per_radiance(self, row: Float, col: Float) -> Float:
+        """Photoelectrons per pixel (n) of radiance 1/(m² sr) per emitted power in the medium before the camera."""
+        one = np.ones(np.shape(row))
+        return self._collected(row, col, one, one, one, one, 0.0)
+
+    def _collected(
+        self, row: Float, col: Float, intensity: Float, r1: Float, r2: Float, response: Float, attenuation: float
+    ) -> Float:
         camera, window = self.rig.camera, self.camera.port
         x, y = self.camera.slopes(row, col)
         electrons = ladar.pixel_photoelectrons(
@@ -109,7 +119,7 @@ class Setting:
             response_per_sr=response,
             lamp_range_m=r1,
             camera_range_m=r2,
-            attenuation_per_m=self.scene.medium.attenuation_per_m,
+            attenuation_per_m=attenuation,
             pixel_area_m2=camera.pixel_pitch_m**2,
             f_number=camera.f_number,
             cos_field=1.0 / np.sqrt(1.0 + x * x + y * y) if camera.vignetting == "cos4" else 1.0,
