@@ -84,7 +84,7 @@ def _corner(opening_deg: float = 45.0, albedo: float = 0.6) -> list[dict[str, An
 
 
 def test_the_corners_second_bounce_is_that_of_a_quadrature() -> None:
-    """Light of the line on one wall of a corner, by a plain sum over points of the line for each pixel of the other wall. Albedo .1:
+    """Light of the line on one wall of a corner, by a sum over points of the line for each pixel of the other wall. Albedo .1:
     third bounces are a hundredth of the light. It would see a wrong power of the distance, cosine, π or unit."""
     albedo = 0.1
     changes = SMALL | {
@@ -140,9 +140,9 @@ def test_the_corners_second_bounce_is_that_of_a_quadrature() -> None:
 
 
 def _photons(setting: Setting, count: int, seed: int, bins: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard error of the light of two and more events in blocks of pixels, by photons that leave the laser in water before
-    an endless wall z = 1 of albedo .5. At each event but the first, a photon is counted where the camera sees it, by its chance of
-    reaching the lens. The straight way to the wall, free paths and turns are NumPy's; nothing of the path tracer is used."""
+    """Mean and standard error of the light of two and more events in blocks of pixels, by photons that leave the laser in water
+    before an endless wall z = 1 of albedo .5. At each event but the first, a photon is counted where the camera sees it, by
+    its chance of reaching the lens. The straight way to the wall, free paths and turns are NumPy's; nothing of the path tracer is used."""
     rng = np.random.default_rng(seed)
     scene, rig, sheet = setting.scene, setting.rig, setting.sheet
     a, b, c = scene.medium.absorption_per_m, scene.medium.scattering_per_m, scene.medium.attenuation_per_m
@@ -157,7 +157,7 @@ def _photons(setting: Setting, count: int, seed: int, bins: tuple[int, int]) -> 
     rows, cols = rig.camera.rows, rig.camera.cols
     per = np.zeros((count, bins[0] * bins[1]), np.float32)
     area = _pixel_area(setting)
-    for event in range(14):
+    for event in range(9):
         to_wall = np.where(d[2] > 0, (1.0 - place[2]) / np.where(d[2] > 0, d[2], 1.0), np.inf)
         free = -np.log1p(-rng.random(weight.size)) / b
         hit = to_wall < free
@@ -211,20 +211,21 @@ def _pixel_area(setting: Setting) -> Any:
 
 
 def test_scattered_light_is_that_of_photons_of_other_code() -> None:
-    """Halo, second curtain and light between water and wall, together, in blocks of 8 × 4 pixels."""
+    """Halo, second curtain and light between water and wall, together, in four blocks of columns.
+
+    Photons near the lens weigh much, so that a block without them states too small an error: all blocks take their mean one.
+    """
     shape = {"tilt_x_deg": 0.0, "tilt_y_deg": 0.0, "width_m": 20.0, "height_m": 20.0}
-    changes = SMALL | {"medium": _water(0.3, 0.8, 0.6)} | {f"target.0.shape.{k}": v for k, v in shape.items()}
-    setting, light, rest = _rest(load_scene("spotscan-wall", changes), 512)
-    bins = (3, 8)
-    found = rest.light.reshape(3, 8, 8, 4).sum(axis=(1, 3))
-    own = np.sqrt((rest.sigma**2).reshape(3, 8, 8, 4).sum(axis=(1, 3)))
-    value, sigma = _photons(setting, 400_000, 3, bins)
-    z = (found - value) / np.hypot(own, sigma)
-    print(found, value, own, sigma, z)
-    assert np.abs(z).max() < 4.0 and abs(z.mean()) < 3.0 / np.sqrt(z.size) + 0.3 and (z**2).mean() < 2.0
-    # What it could see: a few per cent of the whole.
-    total = float(np.sqrt((sigma**2).sum()) / value.sum())
-    assert total < 0.03 and abs(found.sum() / value.sum() - 1.0) < 3.0 * total
+    changes = SMALL | {"medium": _water(0.5, 0.5, 0.8)} | {f"target.0.shape.{k}": v for k, v in shape.items()}
+    setting, light, rest = _rest(load_scene("spotscan-wall", changes), 128)
+    found = rest.light.reshape(24, 4, 8).sum(axis=(0, 2))
+    own = np.sqrt((rest.sigma**2).reshape(24, 4, 8).sum(axis=(0, 2)))
+    value, sigma = (part[0] for part in _photons(setting, 200_000, 3, (1, 4)))
+    error = np.hypot(own, np.sqrt((sigma**2).mean()))
+    assert (np.abs(found - value) < 3.0 * error).all()
+    # What it could see: some per cent of the whole.
+    total = float(np.sqrt((error**2).sum()) / value.sum())
+    assert total < 0.04 and abs(found.sum() / value.sum() - 1.0) < 3.0 * total
     assert light.line.sum() > 0
 
 
@@ -250,7 +251,9 @@ def _full(scene: Scene, seed: int, rtol: float = 0.05) -> xr.Dataset:
 
 
 def test_equal_seeds_give_equal_bits_and_the_error_is_stated() -> None:
-    scene = load_scene("spotscan-wall", SMALL | {"medium": _water(0.1, 0.3, 0.9), "rig.frames.lit": 2})
+    scene = load_scene(
+        "spotscan-wall", SMALL | {"medium": _water(0.1, 0.3, 0.9), "rig.frames.lit": 2, "rig.camera.rows": 12}
+    )
     one, two, other = (_full(scene, seed) for seed in (3, 3, 4))
     for name in ("counts", "truth_electrons", "truth_standard_error"):
         assert np.array_equal(one[name], two[name])
@@ -262,14 +265,14 @@ def test_equal_seeds_give_equal_bits_and_the_error_is_stated() -> None:
     assert told["reached"] and told["standard_error"] <= 0.05 and told["samples_per_pixel"] >= 16
     z = (one["truth_electrons"].values - other["truth_electrons"].values)[0]
     z = z / np.hypot(one["truth_standard_error"].values, other["truth_standard_error"].values)[0]
-    # 768 pixels with errors of few, skew samples; the lattice errs less than independent numbers.
+    # 384 pixels with errors of few, skew samples; the lattice errs less than independent numbers.
     assert 0.3 < np.sqrt((z**2).mean()) < 1.4
 
 
 def test_rungs_nest() -> None:
-    scene = load_scene("spotscan-wall", SMALL | {"medium": _water(0.1, 0.3, 0.9)})
+    scene = load_scene("spotscan-wall", SMALL | {"medium": _water(0.1, 0.3, 0.9), "rig.camera.rows": 12})
     direct = generate(scene, seed=1, fidelity="direct", truth_electrons=True, rtol=1e-2)["truth_electrons"].values
-    full = _full(scene, 1, 0.02)
+    full = _full(scene, 1)
     assert (full["truth_electrons"].values >= direct * (1 - 1e-3)).all()
     assert full["truth_background"].dims == ("frame", "row", "col")
 

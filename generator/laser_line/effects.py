@@ -29,7 +29,7 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
     through = float(-np.expm1(-2.0 * scene.medium.attenuation_per_m * reached))
     return [
         effect("first bounce", True, 1.0, "first hits, sheet's profile integrated over pixels"),
-        effect("refraction at the port", rig.port.kind == "flat", None, "exact, both ways"),
+        effect("refraction at the port", rig.port.kind != "none", None, "exact, both ways"),
         effect("beam attenuation", True, through, "1 − e^(−2cr)"),
         *(
             effect(name, rung == "full" or (rung != "direct" and name != SCATTERED[2]), *line)
@@ -102,9 +102,8 @@ def motion_blur(scene: Scene, light: FrameLight) -> float:
     speed += float(np.linalg.norm(rig.turn_rad_per_s or (0.0, 0.0, 0.0)))
     if speed == 0.0:
         return 0.0
-    window = line_camera(rig, phase_index(scene.medium, rig.wavelength_m)).port
     per_rad = rig.camera.focal_length_m / rig.camera.pixel_pitch_m
-    per_rad *= 1.0 if window is None else window.outside / window.inside
+    per_rad *= line_camera(rig, phase_index(scene.medium, rig.wavelength_m)).narrowing
     width = light.truth.width[np.isfinite(light.truth.width)]
     if not width.size:
         return 1.0

@@ -18,6 +18,7 @@ from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
 from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
+from .laser_line_view import check_port, check_view
 from .parts import Illumination
 
 __all__ = ["KIND", "LaserLineRig", "laser_line_rig"]
@@ -54,6 +55,7 @@ def _check(scene: RigScene) -> None:
     rig = laser_line_rig(scene)
     index = float(medium_data(scene.medium, rig.wavelength_m)["phase_index"])
     sheet, camera = line_sheet(rig, index), line_camera(rig, index)
+    check_port(rig, camera, scene.name)
     apart = abs(float(sheet.normal @ sheet.source))
     if apart < _LEAST_BASELINE_M:
         raise InputError(
@@ -71,6 +73,7 @@ def _check(scene: RigScene) -> None:
             allowed="an index outside and a lens that let the whole field through",
             next_step="narrow the field, or check inside_index, glass_index and the distortion",
         )  # fmt: skip
+    check_view(rig, camera, sheet, scene.name)
     if rig.camera.focus_distance_m is not None:
         raise InputError(
             "Defocus is not modelled for laser-line cameras.", where=f"{scene.name}: rig.camera.focus_distance_m",
