@@ -142,7 +142,7 @@ def test_the_corners_second_bounce_is_that_of_a_quadrature() -> None:
 def _photons(setting: Setting, count: int, seed: int, bins: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard error of the light of two and more events in blocks of pixels, by photons that leave the laser in water
     before an endless wall z = 1 of albedo .5. At each event but the first, a photon is counted where the camera sees it, by
-    its chance of reaching the lens. The straight way to the wall, free paths and turns are NumPy's; nothing of the path tracer is used."""
+    its chance of reaching the lens. The way to the wall, free paths and turns are NumPy's; nothing of the path tracer is used."""
     rng = np.random.default_rng(seed)
     scene, rig, sheet = setting.scene, setting.rig, setting.sheet
     a, b, c = scene.medium.absorption_per_m, scene.medium.scattering_per_m, scene.medium.attenuation_per_m

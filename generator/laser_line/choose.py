@@ -53,7 +53,8 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
     aim = 0.1 if rtol == "noise" else float(rtol)
     light = frame_light(setting, pose, float(np.clip(_SHARE * aim, _FINEST, _COARSEST)), wide=True)
     limit = _noise(scene, float(light.line.max(initial=0.0))) if rtol == "noise" else float(rtol)
-    blur = motion_blur(scene, light)
+    effects = setting.rig.effects
+    blur = 0.0 if effects is not None and effects.exposure_poses is not None else motion_blur(scene, light)
     _refuse_motion(scene, blur, limit, rtol)
     sampled = max(limit, _SAMPLED)
     known = {name: size for name, (size, _) in scattered_sizes(scene, light).items() if size is not None}

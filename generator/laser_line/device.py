@@ -9,9 +9,10 @@ import numpy as np
 
 from ...optics.water.phase_forms import PhaseFunction, phase_density
 from ...scenes.scene import Scene
-from ..paths.phase import PhaseCells, phase_cells_of
+from ..paths.phase import PhaseCells, straight_share
 from ..paths.world import path_geometry
 from ..rays.backend import mitsuba, opaque
+from ..water.phase import phase_of
 from .setting import Pose, Setting
 
 __all__ = ["DeviceSheet", "LineWorld", "Turns"]
@@ -19,6 +20,8 @@ __all__ = ["DeviceSheet", "LineWorld", "Turns"]
 #: Least angle [rad] that is told from straight on, and cells of ln ψ from there to π.
 _FINEST, _CELLS = 1e-6, 1024
 _LOG_STEP = float(np.log(np.pi / _FINEST)) / _CELLS
+#: Turns below this many pixels are counted as none.
+_STRAIGHT_PX = 0.05
 #: A uniform number is kept this far from 0 and 1, where the inverse of the normal distribution ends.
 _EDGE = 1e-6
 
@@ -96,11 +99,12 @@ class Turns:
     sums: Any
 
     @staticmethod
-    def of(phase: PhaseFunction) -> Turns:
-        """The table of a phase function."""
+    def of(phase: PhaseFunction, least_rad: float) -> Turns:
+        """The table of a phase function, of angles above `least_rad`."""
         edge = np.geomspace(_FINEST, np.pi, _CELLS + 1)
         middle = np.sqrt(edge[1:] * edge[:-1])
-        share = phase_density(phase, middle) * np.diff(edge)
+        # Half a cell early: no angle that is scattered has no chance to be drawn.
+        share = np.where(edge[1:] < 0.98 * least_rad, 0.0, phase_density(phase, middle) * np.diff(edge))
         return Turns(mitsuba().Float(np.concatenate([[0.0], np.cumsum(share) / share.sum()]).astype(np.float32)))
 
     def drawn(self, uniform: Any, least: Any, most: Any) -> tuple[Any, Any]:
@@ -129,8 +133,11 @@ class Turns:
 
 @dataclass(frozen=True)
 class LineWorld:
-    """Geometry, medium and sheet of one frame: `attenuation`, `absorption`, `scattering` 1/m; `phase` None where nothing scatters;
-    `reached` m, about the distance of the line from the laser; `turns` None as `phase`."""
+    """Geometry, medium and sheet of one frame.
+
+    `attenuation`, `absorption`, `scattering` 1/m; `phase`, `turns` None where nothing scatters; `straight`: b of turns that are
+    counted as none, 1/m, which are in none of these; `reached` m, about the distance of the line from the laser.
+    """
 
     geometry: Any
     sheet: DeviceSheet
@@ -140,22 +147,30 @@ class LineWorld:
     scattering: Any
     reached: Any
     turns: Turns | None
+    straight: float
 
     @staticmethod
     def of(setting: Setting, pose: Pose, reached_m: float, geometry: Any = None) -> LineWorld:
         """The world of a frame; `geometry`: of an earlier frame of the same scene.
 
+        Turns of less than a twentieth of a pixel displace no light that could be seen, and are counted as none: they would peak
+        so high that single paths outshine the image.
+
         Raises InputError as `path_geometry`, and for a medium that scatters and has no phase function.
         """
         scene: Scene = setting.scene
-        medium = scene.medium
+        medium, phase = scene.medium, phase_of(scene)
+        least = _STRAIGHT_PX / (setting.camera.focal_px * setting.camera.narrowing)
+        straight = 0.0 if phase is None else medium.scattering_per_m * straight_share(phase, least)
+        scattering = medium.scattering_per_m - straight
         return LineWorld(
             path_geometry(scene) if geometry is None else geometry,
             DeviceSheet.of(setting, pose),
-            phase_cells_of(scene),
+            None if phase is None else PhaseCells.of(phase, least),
             *(
                 opaque(v)
-                for v in (medium.attenuation_per_m, medium.absorption_per_m, medium.scattering_per_m, reached_m)
+                for v in (medium.absorption_per_m + scattering, medium.absorption_per_m, scattering, reached_m)
             ),
-            None if medium.phase is None or medium.scattering_per_m == 0 else Turns.of(medium.phase),
+            None if phase is None else Turns.of(phase, least),
+            straight,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
+from ...scenes.rigs.laser_line_effects import LineEffects
 from ...scenes.rigs.laser_line_geometry import ambient_e_per_s
 from ...scenes.scene import Scene
 from ..detector import detect, fixed_pattern
@@ -17,10 +18,11 @@ from ..effect import no_light
 from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
+from .detected import bloomed, speckled
 from .full import SAMPLING, Rest, Tracing, rest_of
 from .light import line_light, nodes_of
 from .scattered import Scattered, curtain, halo, widened
-from .setting import Pose, Setting, poses_of, setting_of
+from .setting import Pose, Setting, exposure_poses, poses_of, setting_of
 from .truth import LineTruth, line_truth
 
 __all__ = ["FrameLight", "dark_e", "expect", "frame_light", "path_of", "read", "tracing_of"]
@@ -87,12 +89,14 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     sigma = np.zeros(electrons.shape, np.float32)
     frames: list[FrameLight] = []
     rests: list[Rest] = []
+    lines: list[Float] = []
     aim = (SAMPLING if full else 1.0) * request.error
     for number, pose in enumerate(poses[: rig.frames.lit]):
         same = number > 0 and _same(pose, poses[0])
         light = frames[0] if same else frame_light(setting, pose, aim, wide=scatters and not full, fine=scatters)
         frames.append(light)
-        electrons[number] += light.line.astype(np.float32)
+        lines.append(lines[0] if same else _exposed(setting, light, pose, float(coords["time"][number]), aim))
+        electrons[number] += lines[-1].astype(np.float32)
         extra = np.zeros_like(light.line)
         if scatters and light.scattered is not None:
             extra = light.scattered.curtain if full else light.scattered.curtain + light.scattered.halo
@@ -151,7 +155,37 @@ def tracing_of(
     row, col = (v.ravel() for v in np.meshgrid(rows, np.arange(camera.cols), indexing="ij"))
     reached = np.linalg.norm(light.truth.point - setting.sheet.source, axis=-1)
     far = float(np.nanmedian(reached)) if np.isfinite(reached).any() else 0.5 * path_of(setting, light.truth)
-    return Tracing(setting, pose, row, col, far, *name)
+
+    def straight(b_per_m: float) -> Float:
+        return _straight(setting, pose, light, b_per_m)[rows].ravel()
+
+    return Tracing(setting, pose, row, col, far, *name, straight)
+
+
+def _straight(setting: Setting, pose: Pose, light: FrameLight, b_per_m: float) -> Float:
+    """Light (rows, cols) of line and curtain that goes on straight after scattering, with b `b_per_m`: e^{b(r₁ + r₂)} − 1."""
+    phase = setting.scene.medium.phase
+    if b_per_m == 0.0 or light.scattered is None or phase is None:
+        return np.zeros_like(light.line)
+    point = light.truth.point[:, 0].T
+    way = setting.sheet.range(point) + np.linalg.norm(point - setting.camera.rays(0.0, 0.0)[0][:, None], axis=0)
+    way = np.where(np.isfinite(way), way, path_of(setting, light.truth))
+    medium = setting.scene.medium
+    # The same water, as clear as it is to light that may turn by as little: b counts in the curtain's strength, not in its loss.
+    clearer = medium.model_copy(update={"absorption_per_m": medium.absorption_per_m - b_per_m})
+    scene = setting.scene.model_copy(update={"medium": clearer})
+    veil = curtain(replace(setting, scene=scene), pose, phase) - light.scattered.curtain
+    return np.asarray(light.line * np.expm1(b_per_m * way)[:, None] + veil)
+
+
+def _exposed(setting: Setting, light: FrameLight, pose: Pose, time_s: float, rtol: float) -> Float:
+    """The line of a frame, the mean over the poses within its exposure."""
+    poses = exposure_poses(setting.rig, time_s)
+    if len(poses) == 1 or all(_same(one, pose) for one in poses):
+        return light.line
+    return np.asarray(
+        sum(line_light(setting, one, nodes_of(setting, one), rtol).electrons for one in poses) / len(poses)
+    )
 
 
 def dark_e(rig: LaserLineRig) -> float:
@@ -177,7 +211,15 @@ def _truth(truths: list[LineTruth], rig: LaserLineRig) -> dict[str, Any]:
 
 
 def read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDArray[np.uint16]:
-    """Counts of the detector."""
+    """Counts of the detector, with speckle in the line's light where the rig has it."""
     rig = laser_line_rig(scene)
     pattern = fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols)
-    return detect(expected.electrons, rig.detector, pattern, request.seed, request.capture_key)
+    effects = rig.effects or LineEffects()
+    electrons = expected.electrons
+    if effects.speckle_looks is not None:
+        background = np.asarray(expected.truth["truth_background"], np.float32) - np.float32(dark_e(rig))
+        beside = background.reshape(len(electrons), *background.shape[1:] or (1, 1))
+        electrons = speckled(electrons, beside, effects.speckle_looks, request.seed, request.capture_key)
+    if effects.blooming is not None:
+        electrons = bloomed(electrons, rig.detector, effects.blooming)
+    return detect(electrons, rig.detector, pattern, request.seed, request.capture_key)

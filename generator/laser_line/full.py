@@ -7,6 +7,7 @@ until it meets the request.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,7 +55,8 @@ class Rest:
 class Tracing:
     """Pixels of one frame and their sums: `row`, `col` (n) in rising order of rows.
 
-    Other arguments: `geometry`, of an earlier frame of the same scene. Raises InputError as `LineWorld.of`.
+    Other arguments: `straight`: b of turns that are counted as none [1/m] -> light (n) of line and curtain that these add;
+    `geometry`: of an earlier frame of the same scene. Raises InputError as `LineWorld.of`.
     """
 
     setting: Setting
@@ -65,6 +67,7 @@ class Tracing:
     seed: int
     key: int
     frame: int
+    straight: Callable[[float], Float] | None = None
     geometry: Any = None
     samples: int = 0
     number: int = 0
@@ -73,6 +76,7 @@ class Tracing:
 
     def __post_init__(self) -> None:
         self.world = LineWorld.of(self.setting, self.pose, self.reached_m, self.geometry)
+        self.added = np.zeros(self.row.size) if self.straight is None else self.straight(self.world.straight)
         self.sums, self.squares = np.zeros((2, self.row.size)), np.zeros((2, self.row.size))
 
     def add(self, samples: int) -> None:
@@ -125,10 +129,11 @@ class Tracing:
     def result(self, known: Float, rtol: float) -> Rest:
         """What was found so far; `known` (n): the light of line and curtain."""
         per = self.samples / 2
-        halves = self.sums / per
+        halves = self.sums / per + self.added
         light = halves.mean(axis=0)
         mean_square = self.squares.sum(axis=0) / self.samples
-        sigma = np.sqrt(np.maximum(mean_square - light**2, 0.0) / max(self.samples - 1, 1))
+        variance = np.maximum(mean_square - (light - self.added) ** 2, 0.0)
+        sigma = np.sqrt(variance / max(self.samples - 1, 1))
         whole = float(((known + light) ** 2).sum())
         between = float(((halves[0] - halves[1]) ** 2).sum()) / 4.0
         epsilon = float(np.sqrt(between / whole)) if whole > 0 else 0.0

@@ -15,12 +15,13 @@ from ...optics.rotation import turned_by
 from ...optics.sheet import Sheet, meeting
 from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
-from ...scenes.rigs.laser_line_geometry import line_camera, line_sheet
+from ...scenes.rigs.laser_line_effects import FocusedLens
+from ...scenes.rigs.laser_line_geometry import line_camera, line_lens, line_sheet
 from ...scenes.scene import Scene
 from ..rays.echo import reflected
 from ..rays.trace import Hits, Tracer
 
-__all__ = ["Pose", "Seen", "Setting", "poses_of", "setting_of"]
+__all__ = ["Pose", "Seen", "Setting", "exposure_poses", "poses_of", "setting_of"]
 
 Float = NDArray[np.float64]
 
@@ -60,6 +61,13 @@ class Setting:
     camera: Pinhole
     sheet: Sheet
     tracer: Tracer
+    lens: FocusedLens | None = None
+
+    def lens_px(self, col: Float, point: Float) -> Float | float:
+        """1 σ [px] of the lens's point spread at columns (n) that see points (3, n), defocus added in quadrature."""
+        if self.lens is None:
+            return self.rig.lens_sigma_px
+        return np.hypot(self.rig.lens_sigma_px, self.lens.sigma_px(col, point[2]))
 
     def offsets(self, row: Float, col: Float, seen: Seen) -> Float:
         """u [m] of the surface's tangent planes on the rays (n) through other pixels near those of `seen`."""
@@ -134,7 +142,22 @@ def setting_of(scene: Scene, tracer: Tracer | None = None) -> Setting:
     """The setting of a scene. Raises InputError for an impossible scene."""
     rig = laser_line_rig(scene)
     index = phase_index(scene.medium, rig.wavelength_m)
-    return Setting(scene, rig, line_camera(rig, index), line_sheet(rig, index), tracer or Tracer(scene))
+    camera, sheet = line_camera(rig, index), line_sheet(rig, index)
+    return Setting(scene, rig, camera, sheet, tracer or Tracer(scene), line_lens(rig, camera, sheet, scene.name))
+
+
+def exposure_poses(rig: LaserLineRig, time_s: float) -> list[Pose]:
+    """Poses within an exposure about a time [s], at the middles of equal parts; the one pose of the time where the rig has none."""
+    count = None if rig.effects is None else rig.effects.exposure_poses
+    if count is None:
+        return [_pose_at(rig, time_s)]
+    part = (np.arange(count) + 0.5) / count - 0.5
+    return [_pose_at(rig, float(time_s + p * rig.detector.exposure_s)) for p in part]
+
+
+def _pose_at(rig: LaserLineRig, time_s: float) -> Pose:
+    moved = time_s * np.asarray(rig.motion_m_per_s or (0.0, 0.0, 0.0))
+    return Pose(moved, turned_by(time_s * np.asarray(rig.turn_rad_per_s or (0.0, 0.0, 0.0))))
 
 
 def poses_of(rig: LaserLineRig) -> tuple[list[Pose], dict[str, Any]]:

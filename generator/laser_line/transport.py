@@ -13,7 +13,8 @@ place across the sheet, and V is joined to both things that the beam does,
 
 Where V itself is a scattering, its place on the path's way is drawn likewise for each B: most of the halo of a line is there.
 Fan angles follow the fan's profile in a quarter of the draws, else the density 1/D about the angle at which V (or the end of the
-way) lies from the laser, as the integral over ψ does; the density of the mixture divides (balance heuristic).
+way) lies from the laser, as the integral over ψ does, and places across the sheet likewise; the density of the mixture divides
+(balance heuristic).
 
 What the camera sees of the first event alone (the line itself, and the curtain before it) is left out: the other rungs have it in
 closed form. Of the first ways of paths at least half are scattered.
@@ -49,6 +50,8 @@ _EVEN = 0.25
 _AIMED = 0.5
 #: Least distance [m] between places that are joined, and farther than any scene, m.
 _CLOSE, _FAR = 1e-6, 1e6
+#: Standard deviations of the sheet within which beams are drawn near a place.
+_MOST_SIGMAS = 5.0
 #: A normal number from a uniform one: kept this far from ±1.
 _INNER = 1.0 - 1e-6
 
@@ -93,6 +96,22 @@ def _asinh(x: Any) -> Any:
 
     size = dr.abs(x)
     return dr.copysign(dr.log(size + dr.sqrt(dr.square(size) + 1.0)), x)
+
+
+def _across(uniform: Any, half: Any, middle: Any, width: Any) -> tuple[Any, Any]:
+    """(place z across the sheet in σ, its Gaussian density over that which it is drawn with).
+
+    It is drawn with the Gaussian where `half`, else with 1/D about `middle`, D² = width² + (z − middle)²."""
+    import drjit as dr
+
+    width = dr.maximum(width, 1e-3)
+    low, high = (_asinh((side * _MOST_SIGMAS - middle) / width) for side in (-1.0, 1.0))
+    near = middle + width * dr.sinh(low + uniform * (high - low))
+    z = dr.select(half, 1.41421356 * dr.erfinv(dr.clip(2.0 * uniform - 1.0, -_INNER, _INNER)), near)
+    gaussian = 0.39894228 * dr.exp(-0.5 * dr.square(z))
+    other = dr.rsqrt(dr.square(z - middle) + dr.square(width)) / dr.maximum(high - low, 1e-12)
+    other = dr.select(dr.abs(z) <= _MOST_SIGMAS, other, 0.0)
+    return z, gaussian / dr.maximum(0.5 * (gaussian + other), 1e-30)
 
 
 @dataclass(frozen=True)
@@ -183,39 +202,41 @@ class _Body:
         return rng, scattered, dr.select(scattered, dr.minimum(free, far), far), factor
 
     def _seen_from(self, point: Any) -> tuple[Any, Any]:
-        """(fan angle of a place, angle by which it is off the sheet): middle and half width of the angles that matter."""
+        """(fan angle of a place, signed angle by which it is off the sheet)."""
         import drjit as dr
 
         sheet = self.world.sheet
         way = point - sheet.source
         x, y = dr.dot(sheet.axis, way), dr.dot(sheet.along, way)
         r = dr.maximum(dr.sqrt(dr.square(x) + dr.square(y)), 1e-4)
-        off = dr.maximum(dr.abs(dr.dot(sheet.normal, way)), sheet.sigma(r)) / r
-        return dr.clip(dr.atan2(y, x), -sheet.reach, sheet.reach), dr.minimum(off, 1.0)
+        return dr.clip(dr.atan2(y, x), -sheet.reach, sheet.reach), dr.clip(dr.dot(sheet.normal, way) / r, -1.0, 1.0)
 
-    def _beam(self, draws: list[Any], near: Any, spread: Any, active: Any) -> _Beam:
-        """A beam of the sheet whose fan angle is drawn from the mixture about `near`."""
+    def _beam(self, draws: list[Any], near: Any, off: Any, active: Any) -> _Beam:
+        """A beam of the sheet, drawn about a place at the fan angle `near` and `off` the sheet."""
         import drjit as dr
 
         mi, world = mitsuba(), self.world
         sheet = world.sheet
-        uniform, which = draws[:2]
+        uniform, which, third = draws[:3]
+        spread = dr.maximum(dr.abs(off), 0.1 * sheet.sigma(world.reached) / world.reached)
         low, high = (_asinh((side * sheet.reach - near) / spread) for side in (-1.0, 1.0))
         close = low + uniform * (high - low)
         phi = dr.select(which < _EVEN, sheet.drawn(uniform), near + spread * dr.sinh(close))
         nearby = dr.rsqrt(dr.square(phi - near) + dr.square(spread)) / (high - low)
         p = sheet.density(phi)
         gain = p / dr.maximum(_EVEN * p + (1.0 - _EVEN) * nearby, 1e-20)
-        across = 1.41421356 * dr.erfinv(dr.clip(2.0 * draws[2] - 1.0, -_INNER, _INNER))
         active = active & (gain > 0.0)
         sine, cosine = dr.sincos(phi)
         middle = sheet.axis * cosine + sheet.along * sine
         first = world.geometry.ray_intersect(mi.Ray3f(sheet.source, middle), active)
         reached = dr.select(first.is_valid(), first.t, 1.0)
-        direction = dr.normalize(middle * reached + sheet.normal * (sheet.sigma(reached) * across))
+        sigma = sheet.sigma(reached)
+        half = which * 64.0 - dr.floor(which * 64.0) < 0.5
+        across, share = _across(third, half, off * reached / sigma, dr.abs(phi - near) * reached / sigma)
+        direction = dr.normalize(middle * reached + sheet.normal * (sigma * across))
         lit = world.geometry.ray_intersect(mi.Ray3f(sheet.source, direction), active)
         hit = lit.is_valid() & active
-        return _Beam(direction, dr.select(hit, lit.t, _FAR), lit, hit, dr.select(active, gain, 0.0))
+        return _Beam(direction, dr.select(hit, lit.t, _FAR), lit, hit, dr.select(active, gain * share, 0.0))
 
     def _turn(self, uniform: Any, start: Any, toward: Any, end: Any, target: Any) -> tuple[Any, Any]:
         """A place on the way from `start` along the unit vector `toward`, as long as `end`, at which light turns by ψ to or from a

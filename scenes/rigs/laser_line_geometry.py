@@ -11,10 +11,11 @@ from ...optics.pinhole import Pinhole
 from ...optics.port import FlatPort
 from ...optics.rotation import rotation_matrix
 from ...optics.sheet import Sheet, angle_inside
+from .laser_line_effects import FocusedLens, focused_lens
 from .laser_line_parts import DomeWindow, FlatWindow, NoWindow
 from .laser_line_spec import LaserLineRig
 
-__all__ = ["ambient_e_per_s", "camera_data", "line_camera", "line_sheet", "sheet_data"]
+__all__ = ["ambient_e_per_s", "camera_data", "line_camera", "line_lens", "line_sheet", "sheet_data"]
 
 
 def ambient_e_per_s(rig: LaserLineRig, index: float) -> float:
@@ -45,6 +46,13 @@ def line_camera(rig: LaserLineRig, index: float) -> Pinhole:
         (0.0, 0.0, 0.0, 0.0, 0.0) if bent is None else (bent.k1, bent.k2, bent.p1, bent.p2, bent.k3),
         window,
     )
+
+
+def line_lens(rig: LaserLineRig, camera: Pinhole, sheet: Sheet, name: str) -> FocusedLens | None:
+    """The lens's defocus; None where all is sharp. Raises InputError as `focused_lens`."""
+    if rig.effects is None or rig.effects.focus is None:
+        return None
+    return focused_lens(rig.effects.focus, rig.camera, camera, sheet, name)
 
 
 def line_sheet(rig: LaserLineRig, index: float) -> Sheet:

@@ -9,6 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
+from .laser_line_effects import LineEffects
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
 from .parts import Camera, Detector, pixel_collected_m2_sr
 
@@ -16,7 +17,7 @@ __all__ = ["LaserLineRig"]
 
 _Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
 #: Absent options are left out of the data.
-_OPTIONAL = ("motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px")
+_OPTIONAL = ("effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px")
 
 
 class LaserLineRig(RigSpec):
@@ -24,7 +25,7 @@ class LaserLineRig(RigSpec):
 
     `lens_sigma_px`: the lens's point spread, a Gaussian (1 σ). `principal_offset_px`: (row, col) of the principal point from the
     array's centre. `motion_m_per_s`, `turn_rad_per_s`: velocity and rate of turn of the whole rig, in the frame of time 0; each
-    frame is taken at once.
+    frame is taken at once, unless `effects` have poses within an exposure.
     Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`: the rate is
     then that of a camera in the medium, and `laser_line_geometry.ambient_e_per_s` that behind the port.
     """
@@ -38,6 +39,7 @@ class LaserLineRig(RigSpec):
     laser: SheetLaser
     detector: Detector
     frames: Frames
+    effects: LineEffects | None = None
     ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
     t0_s: MomentTime
