@@ -49,9 +49,9 @@ _LEAST_M = 1e-12
 def laser_line_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     """The bounds of `column` [px] and `point` [m] of a generated capture.
 
-    `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU, speckle, blooming), where the rig moves, where scattered light varies
-    along the row, where a row has several returns, whose light may overlap, or only a part of a line, and where a line is slanted; "none"
-    without true scene and amplitude. Raises InputError for an invalid true scene.
+    `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU, speckle, blooming), where the rig moves, where scattered light
+    varies along the row, where a row has several returns, whose light may overlap, or only a part of a line, and where a line is
+    slanted; "none" without true scene and amplitude. Raises InputError for an invalid true scene.
     """
     if not bounded(capture, "truth_amplitude", "truth_width", "truth_background"):
         return _none(capture)

@@ -61,7 +61,7 @@ _STRATA = (
 _HALO, _BOUNCE = 0.3, 0.02
 _RUNGS = ("direct", "scatter", "full")
 #: Error of the references' traced light, and most paths of each pixel.
-_REFERENCE, _PATHS = 2e-3, 1024
+_REFERENCE, _PATHS = 2e-3, 512
 
 
 def line_family(seed: int, count: int, folder: Path) -> list[Scene]:
@@ -70,7 +70,7 @@ def line_family(seed: int, count: int, folder: Path) -> list[Scene]:
 
 
 def draw_line_scene(seed: int, number: int, water: str, shape: str) -> Scene:
-    """One scene of 12 × 48 pixels; the draw depends only on `seed` and `number`."""
+    """One scene of 8 × 40 pixels; the draw depends only on `seed` and `number`."""
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     far = float(draw.uniform(0.7, 1.6))
     aim = float(draw.choice([0.1, 0.03, 0.01])) * float(np.exp(draw.uniform(-np.log(3.0), np.log(3.0))))
@@ -96,7 +96,7 @@ def draw_line_scene(seed: int, number: int, water: str, shape: str) -> Scene:
         "spotscan-wall",
         {
             "name": f"{water}-{shape}-{number}", "target": _target(shape, far, albedo, draw), "medium": medium,
-            "rig.camera.rows": 12, "rig.camera.cols": 48, "rig.camera.pixel_pitch_m": 4 * 57.8125e-6, "rig.frames.lit": 1,
+            "rig.camera.rows": 8, "rig.camera.cols": 40, "rig.camera.pixel_pitch_m": 5 * 57.8125e-6, "rig.frames.lit": 1,
             "rig.laser.position_m": [baseline, 0.0, 0.02], "rig.laser.rotation_deg": [0.0, turn, 0.0],
             "rig.laser.waist_m": float(10 ** draw.uniform(-3.5, -2.7)), "rig.lens_sigma_px": float(draw.uniform(0.2, 0.8)),
             "rig.port": {

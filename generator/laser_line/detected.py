@@ -42,8 +42,8 @@ def bloomed(electrons: Float32, detector: Detector, blooming: Blooming) -> Float
 
     The excess of a pixel over the well, less the share that the drain takes, goes in halves to the neighbours up and down (axis
     "columns") or left and right ("rows"), and from there on in the same direction as long as pixels are full; what leaves the array
-    is lost. Of the expectation, so that spilled charge has the noise of light; dark charge has no part in it. A full pixel keeps the
-    full well.
+    is lost. Of the expectation, so that spilled charge has the noise of light; dark charge has no part in it. A full pixel keeps
+    the full well.
     """
     axis = 1 if blooming.axis == "columns" else 2
     moved = np.moveaxis(electrons.astype(np.float64), axis, 0)
