@@ -132,8 +132,11 @@ def test_rungs_nest_and_say_what_they_leave_out() -> None:
 
 def test_auto_takes_the_cheapest_rung_that_passes() -> None:
     scene = _water(
-        **{"medium.scattering_per_m": 0.05, "medium.absorption_per_m": 0.05, "medium.phase_function.g": 0.98}
-    )
+        **{
+            "medium.scattering_per_m": 0.05, "medium.absorption_per_m": 0.05, "medium.phase_function.g": 0.98,
+            "rig.camera.rows": 24, "rig.camera.cols": 64, "rig.camera.pixel_pitch_m": 3 * 57.8125e-6,
+        }
+    )  # fmt: skip
     rungs = {}
     for rtol in (0.3, 1e-2):
         chosen = json.loads(generate(scene, seed=1, fidelity="auto", rtol=rtol).attrs["fidelity"])

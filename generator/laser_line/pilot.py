@@ -21,8 +21,8 @@ __all__ = ["Traced", "image_error", "pilot_rounds"]
 
 Float = NDArray[np.float64]
 
-#: Rows of the pilot, and paths of each pixel after each round.
-_ROWS, _SAMPLES = 12, (32, 128, 512, 2048)
+#: Most and fewest rows of the pilot, the pixels that it should have, and paths of each pixel after each round.
+_ROWS, _PIXELS, _SAMPLES = (12, 4), 1024, (32, 128, 512, 2048)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,8 @@ def image_error(x: Float, one: Float, two: Float, seed: int = 0, draws: int = 40
 
 def pilot_rounds(setting: Setting, pose: Pose, light: FrameLight, seed: int, key: int) -> Iterator[Traced]:
     """Estimates from more and more paths; `light` as of `frame_light`, in full. Raises InputError as the full rung does."""
-    rows = np.unique(np.linspace(0, setting.rig.camera.rows - 1, _ROWS).round().astype(np.intp))
+    count = int(np.clip(_PIXELS // setting.rig.camera.cols, _ROWS[1], _ROWS[0]))
+    rows = np.unique(np.linspace(0, setting.rig.camera.rows - 1, count).round().astype(np.intp))
     # A number beyond that of any frame: the pilot's paths are not those of the rendering.
     tracing = tracing_of(setting, pose, light, (seed, key, 1 << 20), rows)
     shape = (rows.size, setting.rig.camera.cols)
