@@ -88,19 +88,23 @@ def _scene(seed: int) -> Any:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_random_scene_is_sound(seed: int) -> None:
     scene = _scene(seed)
-    rung: Any = ("direct", "scatter", "direct", "scatter", "full")[seed % 5]
-    _check(scene, seed, rung)
+    _check(scene, seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", MORE)
 def test_one_of_many_random_scenes_is_sound(seed: int) -> None:
-    rung: Any = ("direct", "scatter", "direct", "scatter", "full")[seed % 5]
-    _check(_scene(seed), seed, rung)
+    _check(_scene(seed), seed)
 
 
-def _check(scene: Any, seed: int, rung: Any) -> None:
-    rtol = 0.3 if rung == "full" else 1e-2
+def _check(scene: Any, seed: int) -> None:
+    rung: Any = "full" if seed % 10 == 4 else ("direct", "scatter")[seed % 2]
+    rtol = 1e-2
+    if rung == "full":  # of few pixels: where there is no line, it is traced until its paths are used up
+        scene, rtol = (
+            load_scene(scene, {"rig.camera.rows": 8, "rig.camera.cols": 10, "rig.camera.pixel_pitch_m": 1e-3}),
+            0.5,
+        )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
