@@ -28,6 +28,11 @@ class Bench:
 def bench_of(modality: str) -> Bench:
     """The measurement of a modality's rungs. Raises InputError for a modality without one."""
     place = judge_of(modality).rungs
-    missing = "There is no family of random scenes on which the rungs of this modality are measured."
-    bench: Bench = record_of({modality: place} if place else {}, modality, missing, "modality")
+    table = {modality: place} if place else {}
+    bench: Bench = record_of(
+        table,
+        modality,
+        "There is no family of random scenes on which the rungs of this modality are measured.",
+        "modality",
+    )
     return bench

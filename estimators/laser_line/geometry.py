@@ -81,7 +81,7 @@ def _geometry(rig: DeclaredRig, port: str) -> Geometry:
             "A dome is no port at the pinhole: this estimator takes flat ports only.", where="attribute rig: port.kind",
             value="dome", allowed="none, flat", next_step="use triangulate-refractive",
         )  # fmt: skip
-    if port == "pinhole" and camera.port is not None:
+    if port == "pinhole" and isinstance(camera.port, FlatPort):
         camera = replace(camera, port=replace(camera.port, stand_off_m=0.0, thickness_m=0.0))
     normal, axis = (rig.numbers(f"laser.{name}", length=3) for name in ("normal", "axis"))
     sheet = Sheet(
