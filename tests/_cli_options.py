@@ -126,6 +126,7 @@ export: --to <{hdf5}> default 'hdf5'
 export: DATA <text> required
 fidelity: --debug <flag> default False
 fidelity: --json <flag> default False
+fidelity: --modality <text> default None
 fidelity: --out -o <text> default None
 fidelity: --overwrite <flag> default False
 fidelity: --resume <flag> default False

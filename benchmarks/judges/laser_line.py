@@ -28,4 +28,5 @@ JUDGE = Judge(
     scenes=("spotscan-wall",),
     feeders={"triangulation": "line-erf"},
     laws="beambench.benchmarks.laws.laser_line:LAWS",
+    rungs="beambench.benchmarks.fidelity.laser_line:BENCH",
 )

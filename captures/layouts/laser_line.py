@@ -26,6 +26,9 @@ _LASER_LINE = (
         "truth_background", "frame", REAL, "electron", "ambient, dark and scattered electrons of a pixel",
         required=False, also=(("frame", "row", "col"),),
     ),
+    truth(
+        "truth_standard_error", "frame row col", REAL, "electron", "standard error of the path-traced light", required=False
+    ),
     *camera_extras("frame row col"),
 )  # fmt: skip
 

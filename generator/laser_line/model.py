@@ -23,7 +23,7 @@ __all__ = ["MODEL"]
 def _choose(scene: Scene, request: Request) -> Choice:
     from .choose import choose
 
-    return choose(scene, request.rtol)
+    return choose(scene, request.rtol, request.seed, request.capture_key)
 
 
 def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
@@ -47,7 +47,7 @@ def _effects(scene: Scene, expected: Expected[FrameLight], rung: str) -> list[Ef
 
 MODEL: Model[FrameLight] = Model(
     "laser_line",
-    rungs=("direct", "scatter"),
+    rungs=("direct", "scatter", "full"),
     expect=_expect,
     read=_read,
     effects=_effects,
