@@ -18,6 +18,7 @@ from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
 from .light import line_light, nodes_of
+from .roughness import roughness_truth
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, poses_of, setting_of
 from .truth import LineTruth, line_truth
@@ -93,6 +94,7 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     truth = _truth([light.truth for light in frames], rig) | {
         "truth_background": background if scatters else background[:, 0, 0].astype(np.float64)
     }
+    truth |= roughness_truth(scene)
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))
     dark = not any(light.line.any() for light in frames)

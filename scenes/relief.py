@@ -1,0 +1,40 @@
+"""Heights of a surface that is drawn from a power law: a sum of plane waves of random phase, by Fourier transform."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from ..optics.roughness import surface_density_factor
+from .shapes import PowerLawRelief
+
+__all__ = ["relief_heights"]
+
+#: The period of the waves, in outer scales: the spectrum is sampled twice within the first of its octaves.
+_PERIODS = 2.0
+
+
+def relief_heights(shape: PowerLawRelief) -> NDArray[np.float64]:
+    """Heights (rows along y, columns along x) [m] at a spacing of `pitch_m`, of mean 0 over the whole period.
+
+    h = Re Σ_k √(2Ψ(k)) dk z_k e^(2πi k·x), z complex standard normal, k on a lattice of spacing dk = 1/period; Ψ = B k^−(γ+1) between
+    1/outer and 1/inner, 0 elsewhere. Only the patch is kept, so that its ends do not meet. `seed` alone decides the phases.
+    """
+    cols, rows = (round(side / shape.pitch_m) + 1 for side in (shape.width_m, shape.height_m))
+    least = int(np.ceil(_PERIODS * shape.outer_m / shape.pitch_m))
+    nx, ny = (scipy.fft.next_fast_len(max(count, least)) for count in (cols, rows))
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(shape.seed)))
+    kx = np.fft.fftfreq(nx, shape.pitch_m)
+    ky = np.fft.fftfreq(ny, shape.pitch_m)
+    k = np.hypot(kx[None, :], ky[:, None])
+    factor = surface_density_factor(shape.slope, shape.rms_m, shape.outer_m, shape.inner_m)
+    inside = (k >= 1.0 / shape.outer_m) & (k <= 1.0 / shape.inner_m)
+    cell = 1.0 / (nx * ny * shape.pitch_m**2)
+    wave = np.zeros((ny, nx), np.complex128)
+    count = int(inside.sum())
+    # One density of variance Ψ·dk² per wave: real and imaginary part hold a half each, and the real part of the sum is kept.
+    drawn = rng.standard_normal((2, count))
+    wave[inside] = np.sqrt(factor * k[inside] ** (-shape.slope - 1.0) * cell) * (drawn[0] + 1j * drawn[1])
+    heights = scipy.fft.ifft2(wave, norm="forward").real
+    return np.ascontiguousarray(heights[:rows, :cols])
