@@ -58,7 +58,9 @@ def band_variance(level: float, slope: float, low: float, high: float) -> float:
 def structure_function(lag_m: npt.ArrayLike, level: float, slope: float) -> Float:
     """D(x) = ⟨(h(s + x) − h(s))²⟩ [m²] of S = A f^−γ at all frequencies, 1 < γ < 3: −A (2πx)^(γ−1)/(Γ(γ) cos(πγ/2)) · π."""
     x = np.abs(np.asarray(lag_m, np.float64))
-    return np.asarray(-level * np.pi * (2.0 * np.pi * x) ** (slope - 1.0) / (gamma(slope) * np.cos(0.5 * np.pi * slope)))
+    return np.asarray(
+        -level * np.pi * (2.0 * np.pi * x) ** (slope - 1.0) / (gamma(slope) * np.cos(0.5 * np.pi * slope))
+    )
 
 
 def intrinsic_covariance(lag_m: npt.ArrayLike, slope: float, scale_m: float, aperture_m: float = 0.0) -> Float:

@@ -18,8 +18,9 @@ _PERIODS = 2.0
 def relief_heights(shape: PowerLawRelief) -> NDArray[np.float64]:
     """Heights (rows along y, columns along x) [m] at a spacing of `pitch_m`, of mean 0 over the whole period.
 
-    h = Re Σ_k √(2Ψ(k)) dk z_k e^(2πi k·x), z complex standard normal, k on a lattice of spacing dk = 1/period; Ψ = B k^−(γ+1) between
-    1/outer and 1/inner, 0 elsewhere. Only the patch is kept, so that its ends do not meet. `seed` alone decides the phases.
+    h = Re Σ_k √Ψ(k) dk z_k e^(2πi k·x), real and imaginary parts of z standard normal, k on a lattice of spacing dk = 1/period;
+    Ψ = B k^−(γ+1) between 1/outer and 1/inner, 0 elsewhere. Only the patch is kept, so that its ends do not meet. `seed` alone
+    decides the phases.
     """
     cols, rows = (round(side / shape.pitch_m) + 1 for side in (shape.width_m, shape.height_m))
     least = int(np.ceil(_PERIODS * shape.outer_m / shape.pitch_m))
@@ -33,7 +34,7 @@ def relief_heights(shape: PowerLawRelief) -> NDArray[np.float64]:
     cell = 1.0 / (nx * ny * shape.pitch_m**2)
     wave = np.zeros((ny, nx), np.complex128)
     count = int(inside.sum())
-    # One density of variance Ψ·dk² per wave: real and imaginary part hold a half each, and the real part of the sum is kept.
+    # The real part of one wave has the variance Ψ dk², whatever its phase.
     drawn = rng.standard_normal((2, count))
     wave[inside] = np.sqrt(factor * k[inside] ** (-shape.slope - 1.0) * cell) * (drawn[0] + 1j * drawn[1])
     heights = scipy.fft.ifft2(wave, norm="forward").real

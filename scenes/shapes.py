@@ -87,9 +87,11 @@ class PowerLawRelief(Spec):
         waves = 2.0 * self.outer_m / self.pitch_m
         sides = (max(self.width_m / self.pitch_m, waves), max(self.height_m / self.pitch_m, waves))
         if not 2.0 * self.pitch_m <= self.inner_m < self.outer_m:
-            raise ValueError(f"the scales should be 2 pitch_m <= inner_m < outer_m, not {self.pitch_m}, {self.inner_m}, {self.outer_m}")
+            found = f"{self.pitch_m}, {self.inner_m}, {self.outer_m}"
+            raise ValueError(f"the scales should be 2 pitch_m <= inner_m < outer_m, not {found}")
         if sides[0] * sides[1] > _MOST_HEIGHTS:
-            raise ValueError(f"the relief has {sides[0] * sides[1]:.3g} heights, of at most {_MOST_HEIGHTS:.3g}: raise pitch_m")
+            count = f"{sides[0] * sides[1]:.3g}"
+            raise ValueError(f"the relief has {count} heights, of at most {_MOST_HEIGHTS:.3g}: raise pitch_m")
         return self
 
 

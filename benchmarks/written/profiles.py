@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from ...estimators.laser_line.profiles import Profile
+from ...estimators.laser_line.profiles import Profile, selected
 
-__all__ = ["Survey", "drawn_heights", "drawn_rows", "drawn_survey"]
+__all__ = ["Survey", "drawn_heights", "drawn_rows", "drawn_selection", "drawn_survey"]
 
 Float = npt.NDArray[np.float64]
 
@@ -29,6 +29,8 @@ class Survey:
     Other arguments:
         usable: share of frames that the vehicle's lights leave usable.
         stated: the noise that the triangulation states, over the true one.
+        spread: distance in which a row may lie from its place on, in eighths of the rows' distance: perspective and relief move
+            them.
     """
 
     slope: float
@@ -40,6 +42,7 @@ class Survey:
     gap_rows: float
     usable: float = 1.0
     stated: float = 1.0
+    spread: int = 2
 
 
 def drawn_heights(
@@ -77,11 +80,25 @@ def drawn_survey(survey: Survey, frames: int, seed: int) -> list[Profile]:
     period = scipy.fft.next_fast_len(_LONG * count, real=True)
     heights = drawn_heights(rng, count, fine, survey.slope, survey.level_m3, profiles=usable.size, period=period)
     kept = drawn_rows(rng, usable.size, survey.rows, survey.kept, survey.gap_rows)
-    # Rows lie within an eighth of their distance to either side: perspective and relief move them.
-    place = _FINE * np.arange(survey.rows) + rng.integers(0, _FINE // 4 + 1, (usable.size, survey.rows))
+    place = _FINE * np.arange(survey.rows) + rng.integers(0, survey.spread + 1, (usable.size, survey.rows))
     made = []
     for own, there, at in zip(heights, kept, place, strict=True):
         if there.sum() > 1:
             height = own[at[there]] + survey.noise_m * rng.standard_normal(int(there.sum()))
             made.append(Profile(fine * at[there], height, np.full(height.size, survey.stated * survey.noise_m)))
     return made
+
+
+def drawn_selection(survey: Survey, profiles: int, points: int, seed: int, *, most_gap: float = 5.0) -> list[Profile]:
+    """`profiles` profiles of `points` points each that the selection of Kusters 1992 keeps, cut to their first points.
+
+    Frames are drawn until there are enough. Raises ValueError where less than one frame in a hundred is kept.
+    """
+    made: list[Profile] = []
+    for batch in range(100):
+        drawn = selected(drawn_survey(survey, profiles, 1000 * seed + batch), points, most_gap)
+        cut = [Profile(p.along[:points], p.height[:points], p.sigma[:points]) for p in drawn]
+        made += selected(cut, points, most_gap)
+        if len(made) >= profiles:
+            return made[:profiles]
+    raise ValueError(f"{len(made)} of {100 * profiles} frames are kept: gaps are too long, or rows too few")

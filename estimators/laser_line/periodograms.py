@@ -42,8 +42,7 @@ def split_gaussian(count: int, share: float, sigmas: float) -> Float:
 
     Neither the length nor the width of the Gaussian is in the document: both are choices.
     """
-    place = np.arange(count) / (count - 1.0)
-    inward = np.minimum(place, 1.0 - place)
+    inward = np.minimum(np.arange(count), np.arange(count)[::-1]) / (count - 1.0)
     u = sigmas * np.clip(1.0 - inward / share, 0.0, None)
     return np.asarray(np.exp(-0.5 * u * u))
 
@@ -70,7 +69,9 @@ def tapered_spectra(profiles: Resampled, tapers: Float) -> Spectra:
         power += 2.0 * profiles.interval_m * np.abs(np.fft.rfft(one * flat, axis=1)[:, 1 : n // 2 + 1]) ** 2 / len(unit)
     if n % 2 == 0:
         power[:, -1] *= 0.5  # the Nyquist frequency is its own mirror image
-    return Spectra(np.fft.rfftfreq(n, profiles.interval_m)[1 : n // 2 + 1], power, _spread(np.sqrt((unit**2).mean(axis=0))))
+    return Spectra(
+        np.fft.rfftfreq(n, profiles.interval_m)[1 : n // 2 + 1], power, _spread(np.sqrt((unit**2).mean(axis=0)))
+    )
 
 
 def lomb_scargle(profiles: Sequence[Profile], count: int) -> Spectra:

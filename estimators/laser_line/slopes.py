@@ -60,9 +60,7 @@ def power_law_of_spectrum(spectra: Spectra, noise_m3: float, first: int, last: i
     return climb(terms, start, *_limits(start), _prior(stated), spectra.spread)
 
 
-def power_law_of_points(
-    profiles: Sequence[Profile], start: tuple[float, float], aperture: float
-) -> Fit:
+def power_law_of_points(profiles: Sequence[Profile], start: tuple[float, float], aperture: float) -> Fit:
     """Greatest restricted likelihood of heights where they lie: no grid, no taper, no transform.
 
     Heights are Gaussian, with the generalised covariance of A f^−γ (`optics.roughness`), errors of variance N sigma² (here N is a
@@ -126,7 +124,9 @@ class _Contrasts:
         weight = inverse @ self._height
         value = -float(np.log(np.diag(factor[0])).sum()) - 0.5 * float(self._height @ weight)
         parts = (inverse @ bent, inverse @ law, inverse @ noise)
-        score = np.array([0.5 * float(weight @ d @ weight - np.trace(p)) for d, p in zip((bent, law, noise), parts, strict=True)])
+        score = np.array(
+            [0.5 * float(weight @ d @ weight - np.trace(p)) for d, p in zip((bent, law, noise), parts, strict=True)]
+        )
         information = np.array([[0.5 * float((p * q.T).sum()) for q in parts] for p in parts])
         return value, score, information
 

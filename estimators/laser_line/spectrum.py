@@ -25,8 +25,9 @@ Float = npt.NDArray[np.float64]
 
 #: Points of a resampled profile, and the least of a selected one (Kusters 1992, sec. 5.5.1).
 POINTS = 128
-#: The lowest frequencies hold what detrending and taper left of them: the first two of 1/L, 2/L, … are not used.
-_FIRST = 2
+#: The lowest frequencies hold what detrending and taper left of them: the first two of 1/L, 2/L, … are not used for the line, and
+#: as many more as a taper's width for the likelihood: its mean over the width exceeds a steep law by γ(γ + 1)/6k² there.
+_FIRST, _WIDTH = 2, 2
 #: Least number of profiles whose scatter tells of an error.
 _LEAST_PROFILES = 4
 #: Decibels per natural unit of a density.
@@ -44,16 +45,18 @@ def fit_hann(profiles: list[Profile], *, share: float = 0.5) -> Fit:
     even = resampled(profiles, POINTS)
     taper = np.sin(np.pi * (np.arange(POINTS) + 0.5) / POINTS) ** 2
     spectra = tapered_spectra(even, taper[None])
-    return power_law_of_spectrum(spectra, 2.0 * even.noise_m2 * even.interval_m, _FIRST, int(share * POINTS / 2))
+    return power_law_of_spectrum(
+        spectra, 2.0 * even.noise_m2 * even.interval_m, _FIRST + _WIDTH, int(share * POINTS / 2)
+    )
 
 
 def fit_multitaper(profiles: list[Profile], *, share: float = 0.5, bandwidth: float = 2.5) -> Fit:
-    """As Hann's with the 2·`bandwidth` − 1 orthogonal tapers that concentrate within `bandwidth`/L. Below that nothing is used."""
+    """As Hann's with the 2·`bandwidth` − 1 orthogonal tapers that concentrate within `bandwidth`/L. The lowest frequencies, twice that wide, are not used."""
     from scipy.signal.windows import dpss
 
     even = resampled(profiles, POINTS)
     spectra = tapered_spectra(even, dpss(POINTS, bandwidth, int(2 * bandwidth) - 1))
-    first = max(_FIRST, int(np.ceil(bandwidth)))
+    first = _FIRST + int(np.ceil(2 * bandwidth))
     return power_law_of_spectrum(spectra, 2.0 * even.noise_m2 * even.interval_m, first, int(share * POINTS / 2))
 
 
@@ -61,7 +64,7 @@ def fit_lomb_scargle(profiles: list[Profile], *, share: float = 0.5) -> Fit:
     """As Hann's, without resampling."""
     spectra = lomb_scargle(profiles, POINTS)
     noise = float(np.mean([2.0 * np.mean(profile.sigma**2) * profile.interval_m for profile in profiles]))
-    return power_law_of_spectrum(spectra, noise, _FIRST, int(share * spectra.frequency.size))
+    return power_law_of_spectrum(spectra, noise, _FIRST + _WIDTH, int(share * spectra.frequency.size))
 
 
 def fit_reml(profiles: list[Profile], *, aperture: float = 0.0) -> Fit:
@@ -79,10 +82,14 @@ def spectrum_kusters(
 ) -> xr.Dataset:  # fmt: skip
     """The document's procedure. `share`, `sigmas`: see `split_gaussian`. Returns slope, sigma and level [dB re 1 m³ at 10
     cycles/m], which is the document's own density: two-sided, less what the taper takes."""
-    return _answer(points, rig, least_points, most_gap, lambda held: fit_kusters(held, share=share, sigmas=sigmas), level=False)
+    return _answer(
+        points, rig, least_points, most_gap, lambda held: fit_kusters(held, share=share, sigmas=sigmas), level=False
+    )
 
 
-@estimator("spectrum", cites="F. J. Harris, Proc. IEEE 66:51, 1978; P. Whittle, Arkiv för Matematik 2:423, 1953", joint=True)
+@estimator(
+    "spectrum", cites="F. J. Harris, Proc. IEEE 66:51, 1978; P. Whittle, Arkiv för Matematik 2:423, 1953", joint=True
+)
 def spectrum_hann(
     points: xr.Dataset, rig: DeclaredRig, *, least_points: int = POINTS, most_gap: float = 5.0, share: float = 0.5
 ) -> xr.Dataset:
