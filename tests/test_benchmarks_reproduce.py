@@ -22,6 +22,7 @@ from beambench.benchmarks.reproduce import (
     pixel_patch,
     ranger,
     reflection,
+    roughness,
     stacks,
     table_1,
     triangular,
@@ -283,7 +284,7 @@ def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> N
         covered = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "000"}
     with (project / "docs" / "coverage.csv").open(newline="", encoding="utf-8") as file:
         other = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "001"}
-    for item in pixel_patch.ITEMS:
+    for item in (*pixel_patch.ITEMS, *roughness.ITEMS):
         assert other[item] == weakest(r.verdict for r in done.rows if r.item == item), item
     wanted = [f"Eq. {n}" for n in range(1, 26)] + [f"Figure {n}" for n in range(1, 10)] + ["Table 1"]
     wanted = [item for item in wanted if covered[item] != "nothing-to-compute"]
@@ -311,7 +312,9 @@ def test_the_files(done: Any) -> None:
     assert tuple(table.columns) == COLUMNS
     assert set(table["verdict"]) == {"arithmetic", "fitted", "trend", "undetermined", "contradicted"} < set(VERDICTS)
     assert table["document"].isin(["000", "001"]).all()
-    assert set(table["item"][~table["item"].isin(ITEMS)]) == {triangular.ITEM, *pixel_patch.ITEMS} == set(OTHERS)
+    assert set(table["item"][~table["item"].isin(ITEMS)]) == {
+        triangular.ITEM, *pixel_patch.ITEMS, *roughness.ITEMS,
+    } == set(OTHERS)  # fmt: skip
     assert table["reproduced"].notna().all()
     assert set(table["published"].dropna()) == {
         8.894,
@@ -323,6 +326,9 @@ def test_the_files(done: Any) -> None:
         -1.0,
         2.5,
         5.0,
+        50.0,
+        157.0,
+        210.0,
     }  # as printed, and no others
     parquet = pd.read_parquet(done.out / "reproduction.parquet")
     assert list(parquet.columns) == list(COLUMNS) and len(parquet) == len(table)

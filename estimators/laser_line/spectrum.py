@@ -51,7 +51,10 @@ def fit_hann(profiles: list[Profile], *, share: float = 0.5) -> Fit:
 
 
 def fit_multitaper(profiles: list[Profile], *, share: float = 0.5, bandwidth: float = 2.5) -> Fit:
-    """As Hann's with the 2·`bandwidth` − 1 orthogonal tapers that concentrate within `bandwidth`/L. The lowest frequencies, twice that wide, are not used."""
+    """As Hann's with the 2·`bandwidth` − 1 orthogonal tapers that concentrate within `bandwidth`/L.
+
+    The lowest frequencies, twice that wide, are not used.
+    """
     from scipy.signal.windows import dpss
 
     even = resampled(profiles, POINTS)
