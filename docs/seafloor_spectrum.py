@@ -1,4 +1,4 @@
-"""Tables and picture of docs/seafloor-spectrum.md: python docs/seafloor_spectrum.py [RUN_FOLDER of the suite laser-line-spectrum]."""
+"""Tables and picture of docs/seafloor-spectrum.md: python docs/seafloor_spectrum.py [RUN_FOLDER of laser-line-spectrum]."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ COLOURS = ["#000000", "#0072B2", "#D55E00", "#009E73"]
 
 def slopes() -> str:
     """Mean error of a slope by method, condition and slope, and the rms of errors over stated errors, as Markdown."""
-    lines = ["| method | survey | " + " | ".join(f"{slope:g}" for slope in SLOPES) + " |", "|---" * (2 + len(SLOPES)) + "|"]
+    lines = [
+        "| method | survey | " + " | ".join(f"{slope:g}" for slope in SLOPES) + " |",
+        "|---" * (2 + len(SLOPES)) + "|",
+    ]
     for method in METHODS:
         for condition in CONDITIONS:
             made = [reading(method, slope, condition, SURVEYS.get(method, 8)) for slope in SLOPES]
@@ -66,8 +69,10 @@ def _points() -> list[dict[str, Any]]:
         "Hann, one-sided": (other.frequency, other.power.mean(axis=0)), "the tank": (round_.frequency, round_.power.mean(axis=0)),
     }  # fmt: skip
     return [
-        {"f": float(f), "s": float(s), "curve": name} for name, (at, power) in curves.items() for f, s in zip(at, power, strict=True)
-    ]  # fmt: skip
+        {"f": float(f), "s": float(s), "curve": name}
+        for name, (at, power) in curves.items()
+        for f, s in zip(at, power, strict=True)
+    ]
 
 
 def picture(path: Path) -> None:

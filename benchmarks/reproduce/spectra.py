@@ -92,5 +92,5 @@ def tank_profiles(count: int, *, noise_m: float, radius_m: float = 2.2, seed: in
 
 
 def scaled(survey: Survey, by: float) -> Survey:
-    """The same surface from a distance `by` times as large: rows lie as much farther apart, errors of range grow with its square."""
+    """The same surface from `by` times the distance: rows lie as much farther apart, errors of range grow with its square."""
     return replace(survey, row_m=by * survey.row_m, noise_m=by**2 * survey.noise_m)
