@@ -63,7 +63,9 @@ def shape_mesh(shape: Shape, where: str) -> MeshArrays:
     if isinstance(shape, HeightGrid):
         return _height_grid(shape, where)
     if isinstance(shape, PowerLawRelief):
-        return _grid_mesh(relief_heights(shape), shape.pitch_m, shape)
+        drawn = {name: getattr(shape, name) for name in ("slope", "rms_m", "outer_m", "inner_m", "seed")}
+        heights = relief_heights(shape.width_m, shape.height_m, shape.pitch_m, **drawn)
+        return _grid_mesh(heights, shape.pitch_m, shape)
     if isinstance(shape, MeshFile):
         return _mesh_file(shape, where)
     raise TypeError(f"no mesh for {type(shape).__name__}")
