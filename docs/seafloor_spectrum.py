@@ -18,7 +18,7 @@ from beambench.benchmarks.reproduce.spectra import (
     survey_of,
     tank_profiles,
 )
-from beambench.benchmarks.written.profiles import drawn_selection
+from beambench.benchmarks.written.laser_line_profiles import drawn_selection
 from beambench.estimators.laser_line.periodograms import document_spectra, split_gaussian, tapered_spectra
 from beambench.estimators.laser_line.profiles import resampled
 from beambench.estimators.laser_line.spectrum import POINTS

@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from beambench.benchmarks.bounds.roughness import roughness_bounds
+from beambench.benchmarks.bounds.laser_line_roughness import roughness_bounds
 from beambench.benchmarks.judges.bound import bounds_of, truths_of
 from beambench.benchmarks.laws.laser_line import survey_capture
 from beambench.benchmarks.reproduce import roughness
 from beambench.benchmarks.reproduce.spectra import PROFILES, reading, survey_of
 from beambench.benchmarks.scores.score import score_rows
-from beambench.benchmarks.written.profiles import Survey, drawn_heights, drawn_rows, drawn_selection, drawn_survey
+from beambench.benchmarks.written.laser_line_profiles import (
+    Survey,
+    drawn_heights,
+    drawn_rows,
+    drawn_selection,
+    drawn_survey,
+)
 from beambench.captures.hide import hide_truth
 from beambench.captures.layouts import stage_of
 from beambench.captures.validate import validate

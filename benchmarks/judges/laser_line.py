@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..bounds.laser_line import laser_line_bounds
-from ..bounds.roughness import roughness_bounds
+from ..bounds.laser_line_roughness import roughness_bounds
 from ..scores.truth import Truth
 from .judge import Judge
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 from ...scenes.load import load_scene
 from ..written.laser_line import written_capture
-from ..written.profiles import drawn_heights
+from ..written.laser_line_profiles import drawn_heights
 from .maker import Laws
 
 __all__ = ["LAWS", "clean_capture", "survey_capture"]

@@ -14,7 +14,7 @@ from ...estimators.laser_line.periodograms import document_spectra, split_gaussi
 from ...estimators.laser_line.profiles import Profile, Resampled, resampled, selected
 from ...estimators.laser_line.slopes import line_of_spectrum
 from ...estimators.laser_line.spectrum import POINTS, fit_hann
-from ..written.profiles import Survey, drawn_selection, drawn_survey
+from ..written.laser_line_profiles import Survey, drawn_selection, drawn_survey
 from .rows import Row, Verdict, judge_band
 from .spectra import GAP_ROWS, KEPT, PROFILES, reading, scaled, survey_of, tank_profiles
 

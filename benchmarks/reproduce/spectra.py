@@ -18,7 +18,7 @@ from ...estimators.laser_line.spectrum import (
     fit_multitaper,
     fit_reml,
 )
-from ..written.profiles import Survey, drawn_selection
+from ..written.laser_line_profiles import Survey, drawn_selection
 
 __all__ = [
     "CONDITIONS", "GAP_ROWS", "KEPT", "METHODS", "PROFILES", "SLOPES", "Reading", "reading", "scaled", "survey_of", "tank_profiles",
