@@ -13,7 +13,8 @@ from .errors import InputError
 from .npz import read_npy, read_npz
 from .readers.mesh_file import read_mesh_file
 from .readers.surface import Surface
-from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
+from .relief import relief_heights
+from .shapes import Box, HeightGrid, MeshFile, PowerLawRelief, Rectangle, Shape
 from .spec_files import LIBRARY
 
 __all__ = [
@@ -62,6 +63,10 @@ def shape_mesh(shape: Shape, where: str) -> MeshArrays:
         return _box(shape)
     if isinstance(shape, HeightGrid):
         return _height_grid(shape, where)
+    if isinstance(shape, PowerLawRelief):
+        drawn = {name: getattr(shape, name) for name in ("slope", "rms_m", "outer_m", "inner_m", "seed")}
+        heights = relief_heights(shape.width_m, shape.height_m, shape.pitch_m, **drawn)
+        return _grid_mesh(heights, shape.pitch_m, shape)
     if isinstance(shape, MeshFile):
         return _mesh_file(shape, where)
     raise TypeError(f"no mesh for {type(shape).__name__}")
@@ -146,12 +151,16 @@ def load_grid(name: str, where: str) -> NDArray[np.float64]:
 
 def _height_grid(shape: HeightGrid, where: str) -> MeshArrays:
     heights = load_grid(shape.file, where)
+    relief = (heights - heights.min()) / np.ptp(heights) * shape.relief_m
+    return _grid_mesh(relief, shape.width_m / (heights.shape[1] - 1), shape)
+
+
+def _grid_mesh(heights: NDArray[np.float64], pitch: float, shape: HeightGrid | PowerLawRelief) -> MeshArrays:
+    """Triangles of heights (row, col) [m] toward the camera at a spacing of `pitch` [m], tilted and placed as the shape says."""
     rows, cols = heights.shape
-    pitch = shape.width_m / (cols - 1)
     x = (np.arange(cols) - (cols - 1) / 2) * pitch
     y = (np.arange(rows) - (rows - 1) / 2) * pitch
-    relief = (heights - heights.min()) / np.ptp(heights) * shape.relief_m
-    vertices = np.stack([*np.meshgrid(x, y), -relief], axis=-1).reshape(-1, 3)
+    vertices = np.stack([*np.meshgrid(x, y), -heights], axis=-1).reshape(-1, 3)
     vertices = vertices @ rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0)).T + np.asarray(shape.center_m)
     index = np.arange(rows * cols).reshape(rows, cols)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]

@@ -120,7 +120,7 @@ def _refuse_motion(scene: Scene, blur: float, limit: float, rtol: Rtol) -> None:
 def _refuse_even_light(scene: Scene, rtol: Rtol) -> None:
     if laser_line_rig(scene).even_light_e_per_s and scene.medium.scattering_per_m > 0:
         raise InputError(
-            f"No rung models what the water does to even light, and so each leaves out light by an unknown amount: {EVEN_SCATTERED}.",
+            f"No rung models what water does to even light, and so each leaves out an unknown amount of light: {EVEN_SCATTERED}.",
             where=f"{scene.name}: rtol", value=rtol,
             next_step='give fidelity="scatter" and read the capture\'s list of effects, or leave out even_light_e_per_s',
         )  # fmt: skip

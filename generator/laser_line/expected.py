@@ -23,6 +23,7 @@ from .even_light import even_light
 from .exposure import frame_settings
 from .full import SAMPLING, Rest, Tracing, rest_of
 from .light import line_light, nodes_of
+from .roughness import roughness_truth
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, exposure_poses, poses_of, setting_of
 from .truth import LineTruth, line_truth
@@ -120,6 +121,7 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     }
     if full:
         truth["truth_standard_error"] = sigma
+    truth |= roughness_truth(scene)
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))
     dark = not any(light.line.any() for light in frames)

@@ -9,8 +9,8 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
-from .laser_line_exposure import AutoExposure
 from .laser_line_effects import LineEffects
+from .laser_line_exposure import AutoExposure
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
 from .parts import Camera, Detector, pixel_collected_m2_sr
 
