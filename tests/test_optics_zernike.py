@@ -53,7 +53,21 @@ def _explicit(j: int, x: Float, y: Float) -> Float:
 
 def test_the_order_is_nolls() -> None:
     """Noll 1976, Table I, and the rule that even indices are cosines; every index is met once."""
-    table = [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (2, 2), (3, -1), (3, 1), (3, -3), (3, 3), (4, 0), (4, 2), (4, -2)]
+    table = [
+        (0, 0),
+        (1, 1),
+        (1, -1),
+        (2, 0),
+        (2, -2),
+        (2, 2),
+        (3, -1),
+        (3, 1),
+        (3, -3),
+        (3, 3),
+        (4, 0),
+        (4, 2),
+        (4, -2),
+    ]
     assert [orders_of(j) for j in range(1, 14)] == table
     for j in range(1, 1000):
         n, m = orders_of(j)

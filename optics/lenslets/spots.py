@@ -62,7 +62,9 @@ def pixel_share_slopes(centre_px: ArrayLike, width_px: float, count: int) -> Flo
     return np.asarray(-np.diff(np.sinc(_edges(centre_px, width_px, count)) ** 2, axis=1) / width_px)
 
 
-def isolated_image(col_px: ArrayLike, row_px: ArrayLike, light: ArrayLike, width_px: float, shape: tuple[int, int]) -> Float:
+def isolated_image(
+    col_px: ArrayLike, row_px: ArrayLike, light: ArrayLike, width_px: float, shape: tuple[int, int]
+) -> Float:
     """Σ light · share(row) ⊗ share(col) as (rows, cols), in the unit of `light`: each lenslet alone, no interference.
 
     Main arguments:

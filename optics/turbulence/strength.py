@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gamma
 
 __all__ = [
-    "FRIED", "KOLMOGOROV_INDEX", "coherence_length_m", "kolmogorov_structure", "path_structure", "positive", "r0_from_cn2_m",
+    "FRIED", "KOLMOGOROV_INDEX", "PATH_FACTOR", "coherence_length_m", "kolmogorov_structure", "path_structure", "positive", "r0_from_cn2_m",
     "rytov_variance", "together_m",
 ]  # fmt: skip
 
@@ -35,6 +35,7 @@ def _path_factor() -> float:
     return float(8.0 * np.pi**2 * KOLMOGOROV_INDEX * hankel)
 
 
+#: D = 2.9144 k₀² ρ^{5/3} ∫ C_n² dz.
 PATH_FACTOR = _path_factor()
 
 
