@@ -129,8 +129,8 @@ def _phase(kind: str) -> Float:
 
 @pytest.mark.parametrize("kind", ["plane", "tilt", "pistons", "turbulence"])
 def test_against_full_fresnel_propagation(kind: str) -> None:
-    """Every pixel within 1 % of the brightest (measured: .13 to .35 %, .67 % for turbulence at d/r₀ = .7), centres of gravity within
-    .015 of a spot's width; without the factor e^{iπ|X−x_m|²/λf} pistons give errors of 5 % and more (next test)."""
+    """Every pixel within 1 % of the brightest (measured: .13 to .35 %, .67 % for turbulence at d/r₀ = .7), centres of gravity
+    within .015 of a spot's width; without the factor e^{iπ|X−x_m|²/λf} pistons give errors of 5 % and more (next test)."""
     phase = _phase(kind)
     want = _pixels(_whole_array(phase))
     got = _ours(phase, 16 if kind == "turbulence" else 1, 5 * PITCH, nodes=12)

@@ -1,4 +1,5 @@
-"""Propagation and flow: energy, Gaussian beams, Talbot's contrast, scintillation behind a layer, frozen flow, the table of flows."""
+"""Propagation and flow: energy, Gaussian beams, Talbot's contrast, scintillation behind a layer, frozen flow, the table of
+flows."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ At z = f a lenslet of side a gives exactly its Fraunhofer pattern: for a plane w
 
     (a²/λf)² sinc²(a(X − f s_x)/λf) sinc²(a(Y − f s_y)/λf),    sinc t = sin(πt)/(πt),
 
-and the light between X₁ and X₂ is a difference of S(t) = Si(2πt)/π − sin²(πt)/(π² t), S(±∞) = ±½. A positive slope moves the spot to
-larger columns and rows.
+and the light between X₁ and X₂ is a difference of S(t) = Si(2πt)/π − sin²(πt)/(π² t), S(±∞) = ±½. A positive slope moves the
+spot to larger columns and rows.
 
 Source: J. W. Goodman, Introduction to Fourier Optics, 2005, sec. 4.4 and 5.2.
 """

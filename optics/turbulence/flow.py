@@ -1,7 +1,7 @@
 """Turbulence that is carried along: frozen flow of a screen (Taylor), and a table of r₀ against the flow in a tank.
 
-φ(x, t) = φ(x − v t, 0): a window moves over one larger screen. Whole points are exact; between them the screen's torus is interpolated
-by trigonometric polynomials.
+φ(x, t) = φ(x − v t, 0): a window moves over one larger screen. Whole points are exact; between them the screen's torus is
+interpolated by trigonometric polynomials.
 
 Source: G. I. Taylor, Proc. R. Soc. A 164:476, 1938.
 """
@@ -26,8 +26,8 @@ class FrozenFlow:
     """One layer that is carried along.
 
     Main arguments:
-        plan, noise: the larger screen. shape: rows, columns of a frame. velocity_m_per_s: x, y. start_m: x, y of the window at t = 0.
-        duration_s: up to which frames exist.
+        plan, noise: the larger screen. shape: rows, columns of a frame. velocity_m_per_s: x, y. start_m: x, y of the window
+        at t = 0. duration_s: up to which frames exist.
     """
 
     plan: ScreenPlan
@@ -79,10 +79,10 @@ def frozen_flow(
 TABLE_FLOW_L_PER_MIN = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
 TABLE_RANGE_M = np.array([1.0, 2.0, 3.0, 4.0])
 
-#: r₀ [m] (range, flow) at 532 nm. **Ours, not physics and not measured by anyone**: chosen so that the lenslets of Guo et al. 2017 have
-#: d/r₀ of .01 to .13, rising with the flow and toward the inlet at 4 m, as their text says of their figures. Any trend that follows
-#: from this table is by construction. (At fixed dissipation of temperature, more flow would even mean weaker turbulence.)
-TABLE_R0_M = 1e-3 * np.array(
+#: r₀ [m] (range, flow) at 532 nm. **Ours, not physics and not measured by anyone**: chosen so that the lenslets of Guo et al.
+#: 2017 have d/r₀ of .01 to .13, rising with the flow and toward the inlet at 4 m, as their text says of their figures. Any
+#: trend that follows from this table is by construction. (At fixed dissipation of temperature, more flow would even mean
+#: weaker turbulence.) TABLE_R0_M = 1e-3 * np.array(
     [
         [np.inf, 12.6, 8.4, 6.3, 5.0],
         [np.inf, 7.8, 5.2, 3.9, 3.1],

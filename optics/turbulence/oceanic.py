@@ -12,10 +12,11 @@ Salt and heat are taken to mix alike, as the paper does. Each scalar g(x) satisf
 exactly, which `dissipation` states. At fixed χ_T more stirring (ε) means weaker turbulence: Φ falls as ε^{−1/3}.
 
 The spectrum of Yao et al. 2019 is left out: with the coefficients as we know them, g = [1 + 21.61 x^{.61} c^{.02} −
-18.18 x^{.55} c^{.04}] e^{−174.9 x² c^{.96}}, c = .072^{4/3} β/Pr, `dissipation` is .898 for Pr = 7 and .813 for Pr = 700 instead of 1,
-and the paper itself could not be consulted.
+18.18 x^{.55} c^{.04}] e^{−174.9 x² c^{.96}}, c = .072^{4/3} β/Pr, `dissipation` is .898 for Pr = 7 and .813 for Pr = 700
+instead of 1, and the paper itself could not be consulted.
 
-Sources: V. V. Nikishov and V. I. Nikishov, Int. J. Fluid Mech. Res. 27:82, 2000; R. J. Hill, J. Fluid Mech. 88:541, 1978 (identity).
+Sources: V. V. Nikishov and V. I. Nikishov, Int. J. Fluid Mech. Res. 27:82, 2000; R. J. Hill, J. Fluid Mech. 88:541, 1978
+(identity).
 """
 
 from __future__ import annotations
@@ -132,8 +133,8 @@ def oceanic_plan(
 ) -> ScreenPlan:
     """Plan of phase screens of such water by intrinsic embedding; `clipped` reports power that had to be set to zero.
 
-    D is tabulated at 24 separations per octave between a quarter of the spacing and the diagonal and interpolated by a cubic spline in
-    log ρ and log D, to 1e-6. Grids far below the inner scale see smooth fields, whose embedding needs a larger torus.
+    D is tabulated at 24 separations per octave between a quarter of the spacing and the diagonal and interpolated by a cubic
+    spline in log ρ and log D, to 1e-6. Grids far below the inner scale see smooth fields, whose embedding needs a larger torus.
     """
     reach = spacing_m * float(np.hypot(*(int(n) - 1 for n in shape)))
     low, high = np.log(0.25 * positive(spacing_m, "spacing_m")), np.log(1.01 * max(reach, spacing_m))

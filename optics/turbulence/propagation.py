@@ -2,9 +2,9 @@
 
     u(z) = F⁻¹ [F[u(0)] exp(i z (√(k² − κ²) − k))],    evanescent waves removed,
 
-on the periodic grid of the samples, so that energy is kept exactly up to these. k = 2πn/λ: the wavelength is that in the medium. The
-carrier e^{ikz} is left out. Split step: propagate, multiply by e^{iφ}, and so on. It is needed where Rytov's variance exceeds about
-.05 or √(λL/n) reaches the scale of interest (.63 mm at 1 m, 1.26 mm at 4 m of water).
+on the periodic grid of the samples, so that energy is kept exactly up to these. k = 2πn/λ: the wavelength is that in the
+medium. The carrier e^{ikz} is left out. Split step: propagate, multiply by e^{iφ}, and so on. It is needed where Rytov's
+variance exceeds about .05 or √(λL/n) reaches the scale of interest (.63 mm at 1 m, 1.26 mm at 4 m of water).
 
 Sources: J. W. Goodman, Introduction to Fourier Optics, 2005, sec. 3.10; J. D. Schmidt, Numerical Simulation of Optical Wave
 Propagation, 2010, ch. 6 to 9; L. C. Andrews and R. L. Phillips, Laser Beam Propagation through Random Media, 2005, ch. 8.
