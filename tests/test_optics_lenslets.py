@@ -8,6 +8,15 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from beambench.optics.lenslets.coherent import Detector, Lenslet, coherent_image, neighbour_cycles, spot_field
+from beambench.optics.lenslets.guo import (
+    centroid_x_eq28,
+    centroid_y_eq29,
+    dynamic_range_eq34,
+    range_eq26,
+    sensitivity_eq33,
+    slope_eq27,
+    wavefront_eq30,
+)
 from beambench.optics.lenslets.spots import (
     isolated_image,
     pixel_share_slopes,
@@ -192,3 +201,34 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
             Detector((4, 4), PIXEL, (0, 0)),
             reach_m=1.0,
         )
+
+
+def test_printed_values_of_the_sensor() -> None:
+    """Eq. 33 and 34: .002657 rad = .1522° and .011194 rad = .6414°; Eq. 26 with the group index 1.357: 4 m are 36.2 ns there and
+    back."""
+    assert round(sensitivity_eq33(PIXEL, FOCAL), 6) == 0.002657 and round(np.degrees(PIXEL / FOCAL), 4) == 0.1522
+    assert round(dynamic_range_eq34(PITCH, FOCAL), 6) == 0.011194
+    assert np.degrees(dynamic_range_eq34(PITCH, FOCAL)) == pytest.approx(0.6414, abs=1e-4)
+    assert range_eq26(36.2e-9, 299792458 / 1.357) == pytest.approx(4.0, abs=2e-3)
+    assert slope_eq27([6.7e-6, -13.4e-6], FOCAL) == pytest.approx([1e-3, -2e-3])
+
+
+@pytest.mark.parametrize("alpha", [1.0, 2.0, 3.5])
+def test_intensity_power_centroids(alpha: float) -> None:
+    """A spot symmetric about its centre has it for any α; a dark window has none; huge counts at high power do not overflow."""
+    y, x = np.arange(-4.0, 13.0), np.arange(-4.0, 15.0)
+    window = np.exp(-0.5 * ((x[None, :] - 5.3) ** 2 + (y[:, None] - 4.1) ** 2) / 2.0)
+    assert centroid_x_eq28(1e200 * window, x, alpha) == pytest.approx(5.3, abs=2e-3)
+    assert centroid_y_eq29(window, y, alpha) == pytest.approx(4.1, abs=2e-3)
+    stack = np.stack([window, np.zeros_like(window)])
+    assert np.isnan(centroid_x_eq28(stack, x, alpha)[1])
+    counts = np.array([[0.0, 3.0, 1.0]])
+    assert centroid_x_eq28(counts, np.arange(3.0), alpha) == pytest.approx((3**alpha + 2) / (3**alpha + 1))
+    with pytest.raises(ValueError, match="negative"):
+        centroid_x_eq28(-window, x, alpha)
+
+
+def test_the_printed_series() -> None:
+    x = np.linspace(-0.5, 0.5, 7)
+    want = 0.3 * 2 * x - 0.2 * np.sqrt(3) * (2 * x**2 - 1)
+    assert wavefront_eq30([0.3, -0.2], [2, 4], x, 0 * x) == pytest.approx(want)

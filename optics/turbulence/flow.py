@@ -82,7 +82,8 @@ TABLE_RANGE_M = np.array([1.0, 2.0, 3.0, 4.0])
 #: r₀ [m] (range, flow) at 532 nm. **Ours, not physics and not measured by anyone**: chosen so that the lenslets of Guo et al.
 #: 2017 have d/r₀ of .01 to .13, rising with the flow and toward the inlet at 4 m, as their text says of their figures. Any
 #: trend that follows from this table is by construction. (At fixed dissipation of temperature, more flow would even mean
-#: weaker turbulence.) TABLE_R0_M = 1e-3 * np.array(
+#: weaker turbulence.)
+TABLE_R0_M = 1e-3 * np.array(
     [
         [np.inf, 12.6, 8.4, 6.3, 5.0],
         [np.inf, 7.8, 5.2, 3.9, 3.1],
