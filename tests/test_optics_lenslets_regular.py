@@ -47,8 +47,8 @@ def test_against_full_fresnel_propagation(kind: str) -> None:
     want = _pixels(_whole_array(phase))
     pixel = PITCH / 8
     detector = Detector((40, 40), pixel, (-19.5 * pixel, -19.5 * pixel))
-    array = regular_array(LENSLET, (_ACROSS, _ACROSS), PITCH, detector, cells=16, samples=48, neighbours=2)
-    got = array.image(*cells_of_phase(phase, (_ACROSS, _ACROSS), 16, PITCH, LAMBDA))
+    array = regular_array(LENSLET, (_ACROSS, _ACROSS), PITCH, detector, cells=32, samples=48, neighbours=2)
+    got = array.image(*cells_of_phase(phase, (_ACROSS, _ACROSS), 32, PITCH, LAMBDA))
     assert np.abs(got - want).max() < 0.01 * want.max()
     assert np.abs(_gravity(got) - _gravity(want)).max() < 0.015 * LAMBDA * FOCAL / PITCH / pixel
 

@@ -69,6 +69,7 @@ def noll_residual(modes: int, diameter_over_r0: float) -> float:
 
 
 def noll_residual_of_many(modes: int, diameter_over_r0: float) -> float:
-    """Δ_J ≈ .2944 J^{−√3/2} (D/r₀)^{5/3} rad²: Noll's (1976, Eq. 31) approximation for many modes, within 2 % from J = 21 on."""
+    """Δ_J ≈ .2944 J^{−√3/2} (D/r₀)^{5/3} rad²: Noll's (1976, Eq. 31) approximation for many modes, within 2 % for J = 21 to
+    136 and 6 % at 500."""
     scale = positive(diameter_over_r0, "diameter_over_r0") ** (5.0 / 3.0)
     return float(0.2944 * modes ** (-0.5 * np.sqrt(3.0)) * scale)
