@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.lenslets.coherent import Detector, Lenslet
-from ...optics.lenslets.regular import cells_of_phase, regular_array
+from ...optics.lenslets.lattice import cells_of_phase, regular_array
 from ...optics.turbulence.screens import kolmogorov_screen
 
 __all__ = ["agreement", "our_frame", "peer_frame", "pupil_phase", "time_ratio"]
