@@ -9,7 +9,7 @@ Lenslets that are no squares parallel to the pixels (turned, hexagonal) are squa
 samples by `cell_coverage` (a square turned by .3 rad: 1.5 % of the brightest pixel with 24 cells a side, .6 % with 40).
 
 Points too few alias what interferes far from its lenslet. Measured against HCIPy with 96 samples a lenslet (peers/hcipy_lenslets),
-rms over rms: .5 % for 16 cells, 32 points, 2 neighbours; 2 to 4 % for 4, 16, 1; HCIPy with 16 samples has 2 to 5 %.
+rms over rms: .5 % for 16 cells, 32 points, 2 neighbours; 2 to 5 % for 2, 16, 1; HCIPy with 16 samples has 2 to 5 %.
 """
 
 from __future__ import annotations
@@ -219,7 +219,10 @@ def cells_of_phase(
             f"phase_rad {phase.shape} does not divide into {rows} × {cols} lenslets of {cells} × {cells} cells."
         )
     high, wide = phase.shape[0] // (rows * cells), phase.shape[1] // (cols * cells)
-    mean = phase.reshape(rows, cells, high, cols, cells, wide).mean(axis=(2, 5)).transpose(0, 2, 1, 3)
+    # Sums of slices take less time than a mean over two axes of six.
+    lines = sum(phase[:, i::wide] for i in range(wide))
+    mean = sum(lines[i::high] for i in range(high)) / (high * wide)
+    mean = mean.reshape(rows, cells, cols, cells).transpose(0, 2, 1, 3)
     x = side_m / cells * (np.arange(cells) - 0.5 * (cells - 1))
     spread = x @ x if cells > 1 else 1.0
     gradient = np.stack([mean.mean(axis=2) @ x, mean.mean(axis=3) @ x], axis=-1) / spread
