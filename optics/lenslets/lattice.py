@@ -159,7 +159,7 @@ def lenslet_array(
     made = [_axis(lenslet, centre[:, a], cells, step_m, count) for a in (0, 1)]
     pixel = [
         _pixels(
-            made[a][1] + step_m * np.arange(made[a][2]),
+            np.asarray(made[a][1] + step_m * np.arange(made[a][2]), np.float64),
             step_m,
             detector.shape[1 - a],
             detector.pixel_m,
@@ -220,8 +220,13 @@ def cells_of_phase(
         )
     high, wide = phase.shape[0] // (rows * cells), phase.shape[1] // (cols * cells)
     # Sums of slices take less time than a mean over two axes of six.
-    lines = sum(phase[:, i::wide] for i in range(wide))
-    mean = sum(lines[i::high] for i in range(high)) / (high * wide)
+    lines = phase[:, ::wide].copy()
+    for i in range(1, wide):
+        lines += phase[:, i::wide]
+    mean = lines[::high].copy()
+    for i in range(1, high):
+        mean += lines[i::high]
+    mean /= high * wide
     mean = mean.reshape(rows, cells, cols, cells).transpose(0, 2, 1, 3)
     x = side_m / cells * (np.arange(cells) - 0.5 * (cells - 1))
     spread = x @ x if cells > 1 else 1.0
@@ -243,8 +248,8 @@ def _axis(lenslet: Lenslet, centre: Float, cells: int, step_m: float, count: int
     chirp = np.exp(1j * np.pi * offset**2 / lenslet.scale_m2) * side / np.sqrt(lenslet.scale_m2)
     turn = np.exp(-2j * np.pi * _middles(side, cells)[None, :, None] * offset[:, None, :] / lenslet.scale_m2)
     kernel = chirp[:, None, :] * turn
-    parts = (np.ascontiguousarray(part, np.float32) for part in (kernel.real, kernel.imag))
-    axis = _Axis(*parts, np.ravel(member).astype(np.intp), first, offset)
+    real, imag = np.ascontiguousarray(kernel.real, np.float32), np.ascontiguousarray(kernel.imag, np.float32)
+    axis = _Axis(real, imag, np.ravel(member).astype(np.intp), first, np.asarray(offset))
     return axis, origin, int(first.max()) + count
 
 

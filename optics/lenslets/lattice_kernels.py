@@ -11,7 +11,7 @@ from ..jit import kernel
 __all__ = ["add_fields"]
 
 
-@kernel(fastmath=True)
+@kernel(fastmath=True)  # type: ignore[untyped-decorator]
 def add_fields(
     real: Any,
     imag: Any,
