@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...captures.quantities import Quantity, Stage
+from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
 
 __all__ = ["THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "write_capture", "write_meta"]
 
@@ -139,10 +139,15 @@ def _not_finite(arrays: dict[str, np.ndarray], stage: Stage, quantity: Quantity)
     names = stage.variables(quantity)
     value, sigma = arrays[names.value], arrays[names.sigma]
     valid = arrays[names.valid].reshape(arrays[names.valid].shape + (1,) * len(quantity.components))
-    if bad := int(np.count_nonzero(valid & ~np.isfinite(value))):
-        return f"{names.value} is not finite at {bad} elements marked valid"
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(sigma) & (sigma > 0)
-    if bad := int(np.count_nonzero(valid & ~good)):
+        wrong, odd = valid & ~possible_value(value), valid & ~possible_sigma(sigma)
+    if bad := int(np.count_nonzero(wrong)):
+        what = (
+            "not finite"
+            if not np.isfinite(value[np.broadcast_to(wrong, value.shape)]).all()
+            else f"beyond {GREATEST:g}"
+        )
+        return f"{names.value} is {what} at {bad} elements marked valid"
+    if bad := int(np.count_nonzero(odd)):
         return f"{names.sigma} is not finite and positive at {bad} elements marked valid"
     return ""
