@@ -32,6 +32,18 @@ BUILTIN: dict[str, str] = {
     "poisson-ml-two-returns": "beambench.estimators.gated.poisson_ml_two_returns:poisson_ml_two_returns",
     "radiometric-average": "beambench.estimators.gated.radiometric_average:radiometric_average",
     "range-intensity-correlation": "beambench.estimators.gated.range_intensity:range_intensity_correlation",
+    "slope-cell": "beambench.estimators.wavefront.slopes:slope_cell",
+    "spot-brightest": "beambench.estimators.wavefront.moments:spot_brightest",
+    "spot-centroid": "beambench.estimators.wavefront.moments:spot_centroid",
+    "spot-correlation": "beambench.estimators.wavefront.correlations:spot_correlation",
+    "spot-gaussian": "beambench.estimators.wavefront.fits:spot_gaussian",
+    "spot-matched": "beambench.estimators.wavefront.correlations:spot_matched",
+    "spot-ml": "beambench.estimators.wavefront.fits:spot_ml",
+    "spot-power": "beambench.estimators.wavefront.moments:spot_power",
+    "spot-quad": "beambench.estimators.wavefront.moments:spot_quad",
+    "spot-threshold": "beambench.estimators.wavefront.moments:spot_threshold",
+    "spot-weighted": "beambench.estimators.wavefront.moments:spot_weighted",
+    "spot-window": "beambench.estimators.wavefront.moments:spot_window",
     "threshold": "beambench.estimators.gated.threshold:threshold",
     "triangulate-air": "beambench.estimators.laser_line.triangulate:triangulate_air",
     "triangulate-pinhole-port": "beambench.estimators.laser_line.triangulate:triangulate_pinhole_port",
@@ -47,6 +59,7 @@ BUILTIN: dict[str, str] = {
     "waveform-ml": "beambench.estimators.waveform.ml:waveform_ml",
     "waveform-several-returns": "beambench.estimators.waveform.returns:waveform_several_returns",
     "weighted-average": "beambench.estimators.gated.weighted_average:weighted_average",
+    "zernike-ls": "beambench.estimators.wavefront.modal:zernike_ls",
 }
 
 #: Names of published estimators that are not built, and of ours that had them: name -> (why, the name that ours has now).

@@ -1,0 +1,129 @@
+"""Positions by correlation with the declared spot: on whole pixels with a parabola between them, and to the maximum."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from ..registry import estimator
+from .cells import Cells, Found, measured
+
+__all__ = ["spot_correlation", "spot_matched"]
+
+Float = npt.NDArray[np.float64]
+
+
+def _shifted(cells: Cells, middle: Float, shifts: Float) -> tuple[Float, Float]:
+    """Share of a spot at place + middle + shift in the pixels: (lenslet, shift, w) along x and along y."""
+    x = cells.x[:, None, :] - middle[:, :1, None] - shifts[None, :, None]
+    y = cells.y[:, None, :] - middle[:, 1:, None] - shifts[None, :, None]
+    return cells.spot.share(x), cells.spot.share(y)
+
+
+def _correlated(cells: Cells, fit: str) -> Found:
+    width = cells.z.shape[1]
+    reach = width // 2
+    # Cross-correlation by FFT of cell and spot, both on the cell's own pixels, so that a shift of 0 is the declared place.
+    side = 2 * width
+    tx, ty = _shifted(cells, np.zeros((len(cells.z), 2)), np.zeros(1))
+    template = ty[:, 0, :, None] * tx[:, 0, None, :]
+    spectrum = np.fft.rfft2(cells.z, s=(side, side)) * np.conj(np.fft.rfft2(template, s=(side, side)))
+    score = np.fft.irfft2(spectrum, s=(side, side))
+    score = np.roll(score, (reach, reach), axis=(1, 2))[:, : 2 * reach + 1, : 2 * reach + 1]
+    flat = score.reshape(len(score), -1).argmax(axis=1)
+    row, col = np.clip(flat // (2 * reach + 1), 1, 2 * reach - 1), np.clip(flat % (2 * reach + 1), 1, 2 * reach - 1)
+    at = np.arange(len(score))
+    near = score[at[:, None, None], row[:, None, None] + np.arange(-1, 2)[:, None], col[:, None, None] + np.arange(-1, 2)]
+    gradient, bend = _paraboloid(near) if fit == "surface" else _parabolas(near)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = -np.stack(
+            [
+                gradient[:, 0] * bend[:, 1] - gradient[:, 1] * bend[:, 2],
+                gradient[:, 1] * bend[:, 0] - gradient[:, 0] * bend[:, 2],
+            ],
+            axis=1,
+        ) / (bend[:, 0] * bend[:, 1] - bend[:, 2] ** 2)[:, None]
+    middle = np.stack([col - reach, row - reach], axis=1).astype(np.float64)
+    good = (np.abs(offset) <= 1.0).all(axis=1) & (bend[:, :2] < 0).all(axis=1)
+    return Found(middle + offset, _parabola_variance(cells, middle, bend), good)
+
+
+def _parabolas(near: Float) -> tuple[Float, Float]:
+    """(gradient, (xx, yy, xy)) of a parabola along each axis through the middle row and column."""
+    gx, gy = 0.5 * (near[:, 1, 2] - near[:, 1, 0]), 0.5 * (near[:, 2, 1] - near[:, 0, 1])
+    bx = near[:, 1, 2] - 2.0 * near[:, 1, 1] + near[:, 1, 0]
+    by = near[:, 2, 1] - 2.0 * near[:, 1, 1] + near[:, 0, 1]
+    return np.stack([gx, gy], axis=1), np.stack([bx, by, np.zeros_like(bx)], axis=1)
+
+
+def _paraboloid(near: Float) -> tuple[Float, Float]:
+    """The same of the paraboloid that fits all nine values by least squares."""
+    t = np.array([-1.0, 0.0, 1.0])
+    gx, gy = np.einsum("lij,j->l", near, t) / 6.0, np.einsum("lij,i->l", near, t) / 6.0
+    second = np.array([1.0, -2.0, 1.0])
+    bx, by = np.einsum("lij,j->l", near, second) / 3.0, np.einsum("lij,i->l", near, second) / 3.0
+    return np.stack([gx, gy], axis=1), np.stack([bx, by, np.einsum("lij,i,j->l", near, t, t) / 4.0], axis=1)
+
+
+def _parabola_variance(cells: Cells, middle: Float, bend: Float) -> Float:
+    """Variance [px²] of the gradient's noise over the curvature's square."""
+    tx, ty = _shifted(cells, middle, np.array([-1.0, 0.0, 1.0]))
+    px, py = 0.5 * (tx[:, 2] - tx[:, 0]), 0.5 * (ty[:, 2] - ty[:, 0])
+    vx = np.einsum("lij,li,lj->l", cells.variance * cells.inside, ty[:, 1] ** 2, px**2)
+    vy = np.einsum("lij,li,lj->l", cells.variance * cells.inside, py**2, tx[:, 1] ** 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([vx, vy], axis=1) / bend[:, :2] ** 2
+
+
+@estimator(
+    "centroid",
+    cites="L. A. Poyneer, Appl. Opt. 42:5807, 2003 (correlation by FFT, parabola); S. Thomas et al., MNRAS 371:323, 2006",
+)
+def spot_correlation(
+    capture: xr.Dataset, *, fit: Literal["lines", "surface"] = "lines", least_sigmas: float = 5.0
+) -> xr.Dataset:
+    """The maximum of Σ z T(x − c) on whole pixels, T the declared spot, refined by parabolas along the two axes ("lines") or by the
+    paraboloid through the nine values beside it ("surface").
+
+    Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. A parabola is not the peak's shape: the reading is
+    biased by the place within a pixel.
+    """
+    return measured(capture, partial(_correlated, fit=fit), least_sigmas=least_sigmas)
+
+
+def _matched(cells: Cells, steps: int) -> Found:
+    lenslets, width, _ = cells.z.shape
+    peak = np.where(cells.inside, cells.z, -np.inf).reshape(lenslets, -1).argmax(axis=1)
+    every = np.arange(lenslets)
+    c = np.stack([cells.x[every, peak % width], cells.y[every, peak // width]], axis=1)
+    for _ in range(steps):
+        u, v = cells.x - c[:, :1], cells.y - c[:, 1:]
+        px, py = cells.spot.share(u), cells.spot.share(v)
+        dx, dy = cells.spot.slope(u), cells.spot.slope(v)
+        pull = -np.stack([_sum(cells.z, py, dx), _sum(cells.z, dy, px)], axis=1)
+        bend = np.stack([_sum(cells.z, py, cells.spot.bend(u)), _sum(cells.z, cells.spot.bend(v), px)], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where(bend < 0, -pull / bend, 0.25 * np.sign(pull))
+        step = np.clip(step, -0.5, 0.5)
+        c = c + step
+    spread = cells.variance * cells.inside
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = np.stack([_sum(spread, py**2, dx**2), _sum(spread, dy**2, px**2)], axis=1) / bend**2
+    return Found(c, variance, (bend < 0).all(axis=1) & (np.abs(step) < 1e-4).all(axis=1))
+
+
+def _sum(z: Float, down: Float, along: Float) -> Float:
+    return np.asarray(np.einsum("lij,li,lj->l", z, down, along))
+
+
+@estimator("centroid", cites="M. Gratadour, L. M. Mugnier, D. Rouan, A&A 443:357, 2005 (maximum of the correlation)")
+def spot_matched(capture: xr.Dataset, *, steps: int = 12, least_sigmas: float = 5.0) -> xr.Dataset:
+    """c maximises Σ z T(x − c), T the declared spot integrated over pixels, by Newton's method from the brightest pixel.
+
+    Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
+    """
+    return measured(capture, partial(_matched, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
