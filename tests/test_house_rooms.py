@@ -20,7 +20,7 @@ from ._imports import FLOORS, circles, files_of, graph_of, imports_of
 ORDER: dict[str, tuple[str, ...]] = {
     "optics": (
         "constants", "jit", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry", "illumination",
-        "reflection", "ladar", "likelihood", "pile_up", "time_of_flight",
+        "reflection", "ladar", "likelihood", "pile_up", "time_of_flight", "zernike", "turbulence", "lenslets",
     ),
     "scenes": (
         "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
