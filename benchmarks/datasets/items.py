@@ -87,7 +87,9 @@ def items_of(
         numbers = _seeds(seeds)
         scene = load_scene(source, overrides)
         aimed = 1e-3 if rtol is None else rtol
-        groups[""] = [Item(scene, n, None, fidelity or first_rung(scene), aimed, electrons, components) for n in numbers]
+        groups[""] = [
+            Item(scene, n, None, fidelity or first_rung(scene), aimed, electrons, components) for n in numbers
+        ]
     check_items([item for items in groups.values() for item in items])
     return groups
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
-from .cells import Cells, Found, measured
+from .cells import Cells, Found, first_guess, measured
 
 __all__ = ["spot_correlation", "spot_matched"]
 
@@ -37,16 +37,21 @@ def _correlated(cells: Cells, fit: str) -> Found:
     flat = score.reshape(len(score), -1).argmax(axis=1)
     row, col = np.clip(flat // (2 * reach + 1), 1, 2 * reach - 1), np.clip(flat % (2 * reach + 1), 1, 2 * reach - 1)
     at = np.arange(len(score))
-    near = score[at[:, None, None], row[:, None, None] + np.arange(-1, 2)[:, None], col[:, None, None] + np.arange(-1, 2)]
+    near = score[
+        at[:, None, None], row[:, None, None] + np.arange(-1, 2)[:, None], col[:, None, None] + np.arange(-1, 2)
+    ]
     gradient, bend = _paraboloid(near) if fit == "surface" else _parabolas(near)
     with np.errstate(divide="ignore", invalid="ignore"):
-        offset = -np.stack(
-            [
-                gradient[:, 0] * bend[:, 1] - gradient[:, 1] * bend[:, 2],
-                gradient[:, 1] * bend[:, 0] - gradient[:, 0] * bend[:, 2],
-            ],
-            axis=1,
-        ) / (bend[:, 0] * bend[:, 1] - bend[:, 2] ** 2)[:, None]
+        offset = (
+            -np.stack(
+                [
+                    gradient[:, 0] * bend[:, 1] - gradient[:, 1] * bend[:, 2],
+                    gradient[:, 1] * bend[:, 0] - gradient[:, 0] * bend[:, 2],
+                ],
+                axis=1,
+            )
+            / (bend[:, 0] * bend[:, 1] - bend[:, 2] ** 2)[:, None]
+        )
     middle = np.stack([col - reach, row - reach], axis=1).astype(np.float64)
     good = (np.abs(offset) <= 1.0).all(axis=1) & (bend[:, :2] < 0).all(axis=1)
     return Found(middle + offset, _parabola_variance(cells, middle, bend), good)
@@ -96,24 +101,37 @@ def spot_correlation(
 
 
 def _matched(cells: Cells, steps: int) -> Found:
-    lenslets, width, _ = cells.z.shape
-    peak = np.where(cells.inside, cells.z, -np.inf).reshape(lenslets, -1).argmax(axis=1)
-    every = np.arange(lenslets)
-    c = np.stack([cells.x[every, peak % width], cells.y[every, peak // width]], axis=1)
+    c = first_guess(cells)[:, :2]
     for _ in range(steps):
         u, v = cells.x - c[:, :1], cells.y - c[:, 1:]
-        px, py = cells.spot.share(u), cells.spot.share(v)
-        dx, dy = cells.spot.slope(u), cells.spot.slope(v)
-        pull = -np.stack([_sum(cells.z, py, dx), _sum(cells.z, dy, px)], axis=1)
-        bend = np.stack([_sum(cells.z, py, cells.spot.bend(u)), _sum(cells.z, cells.spot.bend(v), px)], axis=1)
+        px, gx, bx = _unit(cells, u)
+        py, gy, by = _unit(cells, v)
+        pull = np.stack([_sum(cells.z, py, gx), _sum(cells.z, gy, px)], axis=1)
+        bend = np.stack([_sum(cells.z, py, bx), _sum(cells.z, by, px)], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.where(bend < 0, -pull / bend, 0.25 * np.sign(pull))
         step = np.clip(step, -0.5, 0.5)
         c = c + step
+        if np.abs(step[cells.sound]).max(initial=0.0) < 1e-6:
+            break
     spread = cells.variance * cells.inside
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = np.stack([_sum(spread, py**2, dx**2), _sum(spread, dy**2, px**2)], axis=1) / bend**2
+        variance = np.stack([_sum(spread, py**2, gx**2), _sum(spread, gy**2, px**2)], axis=1) / bend**2
     return Found(c, variance, (bend < 0).all(axis=1) & (np.abs(step) < 1e-4).all(axis=1))
+
+
+def _unit(cells: Cells, u: Float) -> tuple[Float, Float, Float]:
+    """The spot along one axis over its norm, T/√ΣT², and its first and second derivative by the place c (lenslet, w).
+
+    Σ T² over the pixels changes with c within a pixel where spots are narrow: without the norm, c would be drawn to its maxima.
+    """
+    t, d, b = cells.spot.share(u), -cells.spot.slope(u), cells.spot.bend(u)
+    norm = np.sqrt(np.maximum((t**2).sum(axis=1, keepdims=True), 1e-30))
+    first = (t * d).sum(axis=1, keepdims=True) / norm
+    second = ((d**2 + t * b).sum(axis=1, keepdims=True) - first**2) / norm
+    one = d / norm - t * first / norm**2
+    two = b / norm - 2.0 * d * first / norm**2 - t * second / norm**2 + 2.0 * t * first**2 / norm**3
+    return t / norm, one, two
 
 
 def _sum(z: Float, down: Float, along: Float) -> Float:
@@ -121,8 +139,8 @@ def _sum(z: Float, down: Float, along: Float) -> Float:
 
 
 @estimator("centroid", cites="M. Gratadour, L. M. Mugnier, D. Rouan, A&A 443:357, 2005 (maximum of the correlation)")
-def spot_matched(capture: xr.Dataset, *, steps: int = 12, least_sigmas: float = 5.0) -> xr.Dataset:
-    """c maximises Σ z T(x − c), T the declared spot integrated over pixels, by Newton's method from the brightest pixel.
+def spot_matched(capture: xr.Dataset, *, steps: int = 30, least_sigmas: float = 5.0) -> xr.Dataset:
+    """c maximises Σ z T(x − c)/√ΣT², T the declared spot integrated over pixels, by Newton's method from the brightest pixel.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
     """

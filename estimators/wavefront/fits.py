@@ -17,7 +17,7 @@ import xarray as xr
 from scipy.special import ndtr
 
 from ..registry import estimator
-from .cells import Cells, Found, measured
+from .cells import Cells, Found, first_guess, measured
 
 __all__ = ["spot_gaussian", "spot_ml"]
 
@@ -49,7 +49,7 @@ def _fitted(cells: Cells, model: Model, start: Float, *, weighted: bool, steps: 
         p[better] += step[better]
         mu[better], gradient[better] = trial_mu[better], trial_gradient[better]
         damping = np.clip(np.where(better, 0.2 * damping, 8.0 * damping), 1e-12, 1e12)
-        if (moved[cells.sound] < 1e-5).all():
+        if moved[cells.sound].max(initial=0.0) < 1e-5:
             break
     weight = _weights(cells, mu, weighted)
     normal = np.einsum("lij,laij,lbij->lab", weight, gradient, gradient, optimize=True)
@@ -86,18 +86,6 @@ def _inverse(matrix: Float) -> Float:
     return np.asarray(np.where(sound[:, None, None], found, 0.0))
 
 
-def _start(cells: Cells) -> Float:
-    """Place of the brightest pixel, moved by the balance of its neighbours, and the light of the cell."""
-    lenslets, width, _ = cells.z.shape
-    every = np.arange(lenslets)
-    peak = np.where(cells.inside, cells.z, -np.inf).reshape(lenslets, -1).argmax(axis=1)
-    row, col = np.clip(peak // width, 1, width - 2), np.clip(peak % width, 1, width - 2)
-    top = np.maximum(cells.z[every, row, col], 1e-12)
-    x = cells.x[every, col] + np.clip(0.5 * (cells.z[every, row, col + 1] - cells.z[every, row, col - 1]) / top, -0.5, 0.5)
-    y = cells.y[every, row] + np.clip(0.5 * (cells.z[every, row + 1, col] - cells.z[every, row - 1, col]) / top, -0.5, 0.5)
-    return np.stack([x, y, np.maximum(cells.z.sum(axis=(1, 2)), 1e-6)], axis=1)
-
-
 def _declared(cells: Cells, p: Float) -> tuple[Float, Float]:
     """A P(x − cx) P(y − cy) over (cx, cy, A)."""
     u, v = cells.x - p[:, :1], cells.y - p[:, 1:2]
@@ -112,14 +100,14 @@ def _declared(cells: Cells, p: Float) -> tuple[Float, Float]:
 
 
 def _ml(cells: Cells, steps: int) -> Found:
-    return _fitted(cells, partial(_declared, cells), _start(cells), weighted=True, steps=steps)
+    return _fitted(cells, partial(_declared, cells), first_guess(cells), weighted=True, steps=steps)
 
 
 @estimator("centroid", cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-maximum likelihood), per spot")
 def spot_ml(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0) -> xr.Dataset:
     """x, y and A of μ = B + A P(x − cx) P(y − cy) by maximum likelihood, P the declared spot over pixels, B the frame's background.
 
-    Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Light of neighbours that reaches the cell is taken as
+    Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Light of neighbours in the cell is taken as
     the spot's: its pattern is the reference's, and drops out as far as the spot does not move.
     """
     return measured(capture, partial(_ml, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
@@ -153,7 +141,7 @@ def _gaussian(cells: Cells, p: Float) -> tuple[Float, Float]:
 
 
 def _gaussian_fit(cells: Cells, steps: int) -> Found:
-    start = _start(cells)
+    start = first_guess(cells)
     more = np.zeros((len(start), 2))
     more[:, 1] = np.log(cells.spot.sigma_px)
     return _fitted(cells, partial(_gaussian, cells), np.concatenate([start, more], axis=1), weighted=False, steps=steps)

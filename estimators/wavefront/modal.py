@@ -83,12 +83,20 @@ def modal_result(modes: Modes, coefficient: Float, covariance: list[Float | None
         sigma[frame] = np.sqrt(np.diagonal(held))
         phase[frame][modes.mask] = coefficient[frame] @ modes.surface
         if id(held) not in shown:
-            shown[id(held)] = np.sqrt(np.maximum(np.einsum("jp,jk,kp->p", modes.surface, held, modes.surface, optimize=True), 0))
+            shown[id(held)] = np.sqrt(
+                np.maximum(np.einsum("jp,jk,kp->p", modes.surface, held, modes.surface, optimize=True), 0)
+            )
         spread[frame][modes.mask] = shown[id(held)]
     there = np.broadcast_to(good[:, None], (frames, number))
     inside = good[:, None, None] & modes.mask
     return stage_result(
-        "reconstruction", zernike=coefficient, sigma=sigma, valid=there, phase=phase, sigma_phase=spread, valid_phase=inside
+        "reconstruction",
+        zernike=coefficient,
+        sigma=sigma,
+        valid=there,
+        phase=phase,
+        sigma_phase=spread,
+        valid_phase=inside,
     )
 
 

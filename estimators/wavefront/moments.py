@@ -102,6 +102,8 @@ def _weighted(cells: Cells, width: float, steps: int) -> Found:
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.where(bend > 0.2 * total[:, None], pull / bend, pull / total[:, None])
         c = c + np.clip(step, -1.0, 1.0)
+        if np.abs(step[cells.sound]).max(initial=0.0) < 1e-6:
+            break
     spread = cells.variance * (gy[:, :, None] * gx[:, None, :]) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         vx = np.einsum("lij,lj->l", spread, u**2) / bend_x**2
@@ -114,9 +116,7 @@ def _weighted(cells: Cells, width: float, steps: int) -> Found:
     "centroid",
     cites="K. L. Baker and M. M. Moallem, Opt. Express 15:5147, 2007 (iteratively weighted centroiding)",
 )
-def spot_weighted(
-    capture: xr.Dataset, *, width: float = 1.2, steps: int = 12, least_sigmas: float = 5.0
-) -> xr.Dataset:
+def spot_weighted(capture: xr.Dataset, *, width: float = 1.2, steps: int = 12, least_sigmas: float = 5.0) -> xr.Dataset:
     """c solves Σ z g(x − c)(x − c) = 0, g a Gaussian of `width` times the declared spot's, by Newton's method.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
@@ -168,8 +168,14 @@ def _quad(cells: Cells) -> Found:
     with np.errstate(divide="ignore", invalid="ignore"):
         sx = np.einsum("lij,lj->l", cells.z, right) / total
         sy = np.einsum("lij,li->l", cells.z, below) / total
-        vx = np.einsum("lij,lij->l", cells.variance * cells.inside, (right[:, None, :] - sx[:, None, None]) ** 2) / total**2
-        vy = np.einsum("lij,lij->l", cells.variance * cells.inside, (below[:, :, None] - sy[:, None, None]) ** 2) / total**2
+        vx = (
+            np.einsum("lij,lij->l", cells.variance * cells.inside, (right[:, None, :] - sx[:, None, None]) ** 2)
+            / total**2
+        )
+        vy = (
+            np.einsum("lij,lij->l", cells.variance * cells.inside, (below[:, :, None] - sy[:, None, None]) ** 2)
+            / total**2
+        )
     position = np.stack([sx, sy], axis=1) / per_px
     return Found(position, np.stack([vx, vy], axis=1) / per_px**2, total > 0)
 

@@ -18,7 +18,7 @@ from ..model import Expected
 from ..request import Request
 from .field import Pupils
 from .light import coordinates, echoes, pedestal, reflectors
-from .spots import spot_field
+from .spots import spot_image
 from .truth import Projector, slopes
 
 __all__ = ["Sensed", "expect", "read"]
@@ -63,12 +63,12 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
             phase = pupils.phase(frame, at)
             field = np.exp(1j * phase)
             if per_lenslet[frame, number] > 0.0:
-                image += spot_field(rig, lit, field, float(per_lenslet[frame, number]), request.rung)
+                image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung)
             if number == main:
                 truth.add(field, phase, float(per_lenslet[frame].sum()))
         electrons[frame] = image
     flat = np.ones((len(lattice.grid_m) + 2,) * 2, complex)
-    reference = spot_field(rig, lit, flat, float(per_lenslet[0].sum()), request.rung) + level[0]
+    reference = spot_image(rig, lit, flat, float(per_lenslet[0].sum()), request.rung) + level[0]
     held = truth.arrays() | {"truth_background": level + _dark(rig)}
     if request.truth_electrons:
         held["truth_electrons"] = electrons + np.float32(_dark(rig))

@@ -69,7 +69,6 @@ class Pupils:
         return flowing(self._side, step_m, layer.r0_m, layer.outer_scale_m, moved, frame, rng)
 
 
-
 def _aberration(rig: WavefrontRig, lattice: Lattice) -> Float:
     side = len(lattice.grid_m) + 2
     if rig.aberration is None or not rig.aberration.noll:
@@ -77,4 +76,3 @@ def _aberration(rig: WavefrontRig, lattice: Lattice) -> Float:
     edge = lattice.step_m * (np.arange(side) - 0.5 * (side - 1)) / (0.5 * rig.pupil.diameter_m)
     modes = zernike(rig.aberration.noll, edge[None, :], edge[:, None])
     return np.asarray(np.tensordot(np.asarray(rig.aberration.rad), modes, axes=1))
-

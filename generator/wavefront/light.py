@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optics.constants import PLANCK_J_S, C_M_PER_S
+from ...optics.constants import C_M_PER_S, PLANCK_J_S
 from ...optics.correlation.response import lookup
 from ...optics.water.phase_forms import phase_density
 from ...scenes.medium_index import group_index
@@ -77,7 +77,7 @@ def reflectors(scene: Scene) -> list[Reflector]:
 
 
 def echoes(scene: Scene, delay: Float, seed: int, key: int) -> Float:
-    """Photoelectrons of a lenslet (frame, reflector): those of `reflectors`, times R(echo − delay), the frame's energy and jitter."""
+    """Photoelectrons of a lenslet (frame, reflector): those of `reflectors`, times R(echo − delay), energy and jitter."""
     rig = wavefront_rig(scene)
     index = group_index(scene.medium, rig.wavelength_m)
     actual, energy = np.array(delay + rig.t0_s), np.ones(delay.shape)
@@ -95,9 +95,7 @@ def echoes(scene: Scene, delay: Float, seed: int, key: int) -> Float:
 
 def _response(scene: Scene) -> Any:
     rig = wavefront_rig(scene)
-    return response_table(
-        optics_pulse(rig.laser.pulse), optics_gate(rig.gate), _TABLE_RTOL, f"{scene.name}: rig.gate"
-    )
+    return response_table(optics_pulse(rig.laser.pulse), optics_gate(rig.gate), _TABLE_RTOL, f"{scene.name}: rig.gate")
 
 
 def pedestal(scene: Scene, delay: Float) -> Float:

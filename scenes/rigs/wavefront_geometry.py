@@ -39,7 +39,9 @@ class Lattice:
 
 
 def lattice_of(rig: WavefrontRig, *, every: bool = False) -> Lattice:
-    """The lattice of a rig; with `every` also of lenslets outside the pupil, as far as the beam reaches. A sample of the pupil's grid is the middle of a square of side pitch/samples; the grid covers the
+    """The lattice of a rig; with `every` also of lenslets outside the pupil, as far as the beam reaches.
+
+    A sample of the pupil's grid is the middle of a square of side pitch/samples; the grid covers the
     array, row 0 at its least y."""
     array, pupil, camera = rig.lenslets, rig.pupil, rig.camera
     across, pitch, per = array.across, array.pitch_m, pupil.samples

@@ -81,7 +81,9 @@ class Lenslets(Spec):
             raise ValueError(f"preset should be one of {', '.join(LENSLET_PRESETS)}")
         both = sorted(name for name in held if name in data and data[name] != held[name])
         if both:
-            raise ValueError(f"the preset {data['preset']} holds {', '.join(both)} already: leave it out, or the preset")
+            raise ValueError(
+                f"the preset {data['preset']} holds {', '.join(both)} already: leave it out, or the preset"
+            )
         return {name: _as_tuples(value) for name, value in {**data, **held}.items()}
 
 
