@@ -21,6 +21,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     "optics": (
         "constants", "jit", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry", "illumination",
         "reflection", "ladar", "likelihood", "pile_up", "time_of_flight", "zernike", "turbulence", "lenslets",
+        "reconstruction",
     ),
     "scenes": (
         "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",

@@ -8,6 +8,15 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from beambench.optics.lenslets.coherent import Detector, Lenslet, coherent_image, neighbour_cycles, spot_field
+from beambench.optics.lenslets.guo import (
+    centroid_x_eq28,
+    centroid_y_eq29,
+    dynamic_range_eq34,
+    range_eq26,
+    sensitivity_eq33,
+    slope_eq27,
+    wavefront_eq30,
+)
 from beambench.optics.lenslets.spots import (
     isolated_image,
     pixel_share_slopes,
@@ -97,7 +106,7 @@ def _pixels(light: Float) -> Float:
     return np.asarray(part.reshape(40, 12, 40, 12).sum(axis=(1, 3)))
 
 
-def _ours(phase: Float, cells: int, reach: float) -> Float:
+def _ours(phase: Float, cells: int, reach: float, nodes: int = 6) -> Float:
     """The same image by sums over lenslets of `cells`² values; slopes by plane fit."""
     blocks = phase.reshape(_ACROSS, _CELLS, _ACROSS, _CELLS).transpose(0, 2, 1, 3).reshape(-1, _CELLS, _CELLS)
     h = PITCH / _CELLS
@@ -106,11 +115,11 @@ def _ours(phase: Float, cells: int, reach: float) -> Float:
     slope = np.stack([(blocks.mean(1) @ x), (blocks.mean(2) @ x)], 1) / (x @ x) / k
     rest = blocks - k * (slope[:, 0, None, None] * x[None, None, :] + slope[:, 1, None, None] * x[None, :, None])
     size = _CELLS // cells
-    u = np.exp(1j * rest.reshape(-1, cells, size, cells, size).mean(axis=(2, 4)))
+    u = np.exp(1j * rest).reshape(-1, cells, size, cells, size).mean(axis=(2, 4))
     axis = PITCH * (np.arange(_ACROSS) - 2.0)
     cx, cy = (a.ravel() for a in np.meshgrid(axis, axis))
     pixel = PITCH / 8
-    detector = Detector((40, 40), pixel, (-19.5 * pixel, -19.5 * pixel), nodes=6)
+    detector = Detector((40, 40), pixel, (-19.5 * pixel, -19.5 * pixel), nodes=nodes)
     return coherent_image(u, slope, np.stack([cx, cy], 1), LENSLET, detector, reach_m=reach)
 
 
@@ -129,15 +138,15 @@ def _phase(kind: str) -> Float:
 
 @pytest.mark.parametrize("kind", ["plane", "tilt", "pistons", "turbulence"])
 def test_against_full_fresnel_propagation(kind: str) -> None:
-    """Every pixel within 1 % of the brightest (5 times the peak difference seen for turbulence at d/r₀ = .7), spots' centres of
-    gravity within 1 % of a spot's width; without the factor e^{iπ|X−x_m|²/λf} pistons give errors of 5 % and more."""
+    """Every pixel within 1 % of the brightest (measured: .13 to .35 %, .67 % for turbulence at d/r₀ = .7), centres of gravity
+    within .015 of a spot's width; without the factor e^{iπ|X−x_m|²/λf} pistons give errors of 5 % and more (next test)."""
     phase = _phase(kind)
     want = _pixels(_whole_array(phase))
-    got = _ours(phase, 16 if kind == "turbulence" else 1, 5 * PITCH)
+    got = _ours(phase, 16 if kind == "turbulence" else 1, 5 * PITCH, nodes=12)
     assert np.abs(got - want).max() < 0.01 * want.max()
-    assert got.sum() == pytest.approx(want.sum(), rel=2e-3)
+    assert got.sum() == pytest.approx(want.sum(), rel=7e-3)
     a, b = (_gravity(image) for image in (got, want))
-    assert np.abs(a - b).max() < 0.01 * spot_width_m(LAMBDA, FOCAL, PITCH) / (PITCH / 8)
+    assert np.abs(a - b).max() < 0.015 * spot_width_m(LAMBDA, FOCAL, PITCH) / (PITCH / 8)
 
 
 def _gravity(image: Float) -> Float:
@@ -184,4 +193,42 @@ def test_one_lenslet_alone_is_the_closed_form() -> None:
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="do not fit"):
-        coherent_image(np.ones((2, 1, 1)), np.zeros((1, 2)), np.zeros((2, 2)), LENSLET, Detector((4, 4), PIXEL, (0, 0)), reach_m=1.0)
+        coherent_image(
+            np.ones((2, 1, 1)),
+            np.zeros((1, 2)),
+            np.zeros((2, 2)),
+            LENSLET,
+            Detector((4, 4), PIXEL, (0, 0)),
+            reach_m=1.0,
+        )
+
+
+def test_printed_values_of_the_sensor() -> None:
+    """Eq. 33 and 34: .002657 rad = .1522° and .011194 rad = .6414°; Eq. 26 with the group index 1.357: 4 m are 36.2 ns there and
+    back."""
+    assert round(sensitivity_eq33(PIXEL, FOCAL), 6) == 0.002657 and round(np.degrees(PIXEL / FOCAL), 4) == 0.1522
+    assert round(dynamic_range_eq34(PITCH, FOCAL), 6) == 0.011194
+    assert np.degrees(dynamic_range_eq34(PITCH, FOCAL)) == pytest.approx(0.6414, abs=1e-4)
+    assert range_eq26(36.2e-9, 299792458 / 1.357) == pytest.approx(4.0, abs=2e-3)
+    assert slope_eq27([6.7e-6, -13.4e-6], FOCAL) == pytest.approx([1e-3, -2e-3])
+
+
+@pytest.mark.parametrize("alpha", [1.0, 2.0, 3.5])
+def test_intensity_power_centroids(alpha: float) -> None:
+    """A spot symmetric about its centre has it for any α; a dark window has none; huge counts at high power do not overflow."""
+    y, x = np.arange(-4.0, 13.0), np.arange(-4.0, 15.0)
+    window = np.exp(-0.5 * ((x[None, :] - 5.3) ** 2 + (y[:, None] - 4.1) ** 2) / 2.0)
+    assert centroid_x_eq28(1e200 * window, x, alpha) == pytest.approx(5.3, abs=2e-3)
+    assert centroid_y_eq29(window, y, alpha) == pytest.approx(4.1, abs=2e-3)
+    stack = np.stack([window, np.zeros_like(window)])
+    assert np.isnan(centroid_x_eq28(stack, x, alpha)[1])
+    counts = np.array([[0.0, 3.0, 1.0]])
+    assert centroid_x_eq28(counts, np.arange(3.0), alpha) == pytest.approx((3**alpha + 2) / (3**alpha + 1))
+    with pytest.raises(ValueError, match="negative"):
+        centroid_x_eq28(-window, x, alpha)
+
+
+def test_the_printed_series() -> None:
+    x = np.linspace(-0.5, 0.5, 7)
+    want = 0.3 * 2 * x - 0.2 * np.sqrt(3) * (2 * x**2 - 1)
+    assert wavefront_eq30([0.3, -0.2], [2, 4], x, 0 * x) == pytest.approx(want)

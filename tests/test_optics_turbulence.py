@@ -133,7 +133,9 @@ def test_von_karman_near_and_far() -> None:
     """No step between series and Bessel function, B(0) − B(r) = D/2, and Kolmogorov's law as L₀ grows."""
     r = np.geomspace(1e-6, 0.05, 200)
     d = von_karman_structure(r, 0.01, 0.1)
-    assert 2 * (von_karman_covariance(0.0, 0.01, 0.1) - von_karman_covariance(r, 0.01, 0.1)) == pytest.approx(d, abs=1e-12)
+    assert 2 * (von_karman_covariance(0.0, 0.01, 0.1) - von_karman_covariance(r, 0.01, 0.1)) == pytest.approx(
+        d, abs=1e-12
+    )
     x = np.array([0.499999, 0.500001]) * 0.1 / (2 * np.pi)
     a, b = von_karman_structure(x, 0.01, 0.1)
     assert b / a - 1 == pytest.approx(1.6 * 4e-6, rel=0.3)

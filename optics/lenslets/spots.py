@@ -4,8 +4,8 @@ At z = f a lenslet of side a gives exactly its Fraunhofer pattern: for a plane w
 
     (a²/λf)² sinc²(a(X − f s_x)/λf) sinc²(a(Y − f s_y)/λf),    sinc t = sin(πt)/(πt),
 
-and the light between X₁ and X₂ is a difference of S(t) = Si(2πt)/π − sin²(πt)/(π² t), S(±∞) = ±½. A positive slope moves the spot to
-larger columns and rows.
+and the light between X₁ and X₂ is a difference of S(t) = Si(2πt)/π − sin²(πt)/(π² t), S(±∞) = ±½. A positive slope moves the
+spot to larger columns and rows.
 
 Source: J. W. Goodman, Introduction to Fourier Optics, 2005, sec. 4.4 and 5.2.
 """
@@ -62,7 +62,9 @@ def pixel_share_slopes(centre_px: ArrayLike, width_px: float, count: int) -> Flo
     return np.asarray(-np.diff(np.sinc(_edges(centre_px, width_px, count)) ** 2, axis=1) / width_px)
 
 
-def isolated_image(col_px: ArrayLike, row_px: ArrayLike, light: ArrayLike, width_px: float, shape: tuple[int, int]) -> Float:
+def isolated_image(
+    col_px: ArrayLike, row_px: ArrayLike, light: ArrayLike, width_px: float, shape: tuple[int, int]
+) -> Float:
     """Σ light · share(row) ⊗ share(col) as (rows, cols), in the unit of `light`: each lenslet alone, no interference.
 
     Main arguments:

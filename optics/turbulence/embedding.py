@@ -90,7 +90,12 @@ class ScreenPlan:
 
 
 def structure_plan(
-    structure: Radial, shape: tuple[int, int], spacing_m: float, *, limit: float = 2.0, slopes: tuple[float, float] | None = None
+    structure: Radial,
+    shape: tuple[int, int],
+    spacing_m: float,
+    *,
+    limit: float = 2.0,
+    slopes: tuple[float, float] | None = None,
 ) -> ScreenPlan:
     """Plan of a field with structure function `structure` (m → rad²) by intrinsic embedding.
 
@@ -113,7 +118,9 @@ def structure_plan(
     c2 = 0.5 * (-beta * (3.0 * over**2 + over**3) - b1)
     c0 = beta * over**3 + 0.5 * value - c2
     if c2 < 0.0 or beta < 0.0:
-        raise ValueError("The structure function flattens within the grid's diagonal: embed its covariance (covariance_plan).")
+        raise ValueError(
+            "The structure function flattens within the grid's diagonal: embed its covariance (covariance_plan)."
+        )
 
     def tail(distance: Float) -> Float:
         r = distance / reach

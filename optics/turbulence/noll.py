@@ -6,8 +6,8 @@
 
 δ = 1 where m = m' with equal parity of sine and cosine, else 0; modes of unit rms over a disk of diameter D.
 
-K follows from D(r₀) = 6.88388 rad² with no rounding: tilt .44888, Δ₁ 1.0324. Noll printed 1.0299 and .582, 0.3 % less, with constants
-of two and three digits.
+K follows from D(r₀) = 6.88388 rad² with no rounding: tilt .44888, Δ₁ 1.0324. Noll printed 1.0299 and .582, 0.3 % less, with
+constants of two and three digits.
 
 Sources: R. J. Noll, JOSA 66:207, 1976, Eq. 22-25 and Table IV; N. Roddier, Opt. Eng. 29:1174, 1990 (signs).
 """

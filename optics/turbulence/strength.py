@@ -1,4 +1,5 @@
-"""How strong turbulence is: Fried's r₀, the Kolmogorov structure function, refractive-index structure along a path, Rytov's variance.
+"""How strong turbulence is: Fried's r₀, the Kolmogorov structure function, refractive-index structure along a path, Rytov's
+variance.
 
     D(ρ) = 2 [24/5 Γ(6/5)]^{5/6} (ρ/r₀)^{5/3} = 6.88388 (ρ/r₀)^{5/3} rad²,    D(ρ) = 2.9144 k₀² ρ^{5/3} ∫ C_n²(z) w(z) dz.
 
@@ -16,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gamma
 
 __all__ = [
-    "FRIED", "KOLMOGOROV_INDEX", "coherence_length_m", "kolmogorov_structure", "path_structure", "positive", "r0_from_cn2_m",
+    "FRIED", "KOLMOGOROV_INDEX", "PATH_FACTOR", "coherence_length_m", "kolmogorov_structure", "path_structure", "positive",
+    "r0_from_cn2_m",
     "rytov_variance", "together_m",
 ]  # fmt: skip
 
@@ -35,6 +37,7 @@ def _path_factor() -> float:
     return float(8.0 * np.pi**2 * KOLMOGOROV_INDEX * hankel)
 
 
+#: D = 2.9144 k₀² ρ^{5/3} ∫ C_n² dz.
 PATH_FACTOR = _path_factor()
 
 
@@ -44,7 +47,8 @@ def kolmogorov_structure(separation_m: ArrayLike, r0_m: float) -> Float:
 
 
 def path_structure(cn2_m: ArrayLike, thickness_m: ArrayLike, wavelength_m: float) -> Float:
-    """∫ 2.9144 k₀² C_n² dz per layer [m^{−5/3}]: the factor of ρ^{5/3} in D. `cn2_m` [m^{−2/3}], `thickness_m` [m] of the layers."""
+    """∫ 2.9144 k₀² C_n² dz per layer [m^{−5/3}]: the factor of ρ^{5/3} in D. `cn2_m` [m^{−2/3}], `thickness_m` [m] of the
+    layers."""
     k = 2.0 * np.pi / positive(wavelength_m, "wavelength_m")
     return np.asarray(PATH_FACTOR * k**2 * np.asarray(cn2_m, np.float64) * np.asarray(thickness_m, np.float64))
 
