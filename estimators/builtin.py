@@ -60,6 +60,9 @@ BUILTIN: dict[str, str] = {
     "waveform-several-returns": "beambench.estimators.waveform.returns:waveform_several_returns",
     "weighted-average": "beambench.estimators.gated.weighted_average:weighted_average",
     "zernike-ls": "beambench.estimators.wavefront.modal:zernike_ls",
+    "zernike-map": "beambench.estimators.wavefront.prior:zernike_map",
+    "zonal-fried": "beambench.estimators.wavefront.zonal:zonal_fried",
+    "zonal-southwell": "beambench.estimators.wavefront.zonal:zonal_southwell",
 }
 
 #: Names of published estimators that are not built, and of ours that had them: name -> (why, the name that ours has now).

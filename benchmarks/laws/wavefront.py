@@ -1,4 +1,4 @@
-"""What the laws run on for wavefronts: 48 frames of bright spots behind 6 × 6 lenslets."""
+"""What the laws run on for wavefronts: 48 frames of bright spots behind 4 × 4 lenslets."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ __all__ = ["LAWS", "clean_capture"]
 
 _FRAMES, _ELECTRONS, _BACKGROUND = 48, 2e4, 5.0
 #: Greatest Noll index of the wavefront, and how far it moves the spots, rms.
-_MODES, _PIXELS = 10, 0.2
+_MODES, _PIXELS = 6, 0.2
 #: Pixels by which the camera is moved.
 _SHIFT = 2
 
 
 def clean_capture(seed: int = 1) -> xr.Dataset:
-    """48 frames of 6 × 6 lenslets, 20,000 photoelectrons each, moved by .2 px rms by slopes of the modes that are fitted.
+    """48 frames of 4 × 4 lenslets, 20,000 photoelectrons each, moved by .2 px rms by slopes of the modes that are fitted.
 
     A converter of 12 bits, and an offset well above the noise, so that a count of 0 is a dead pixel.
     """
     scene = load_scene(
         "gated-turbulence",
         {
-            "rig.lenslets.across": 6, "rig.pupil.diameter_m": 1.05e-3, "rig.pupil.modes": _MODES, "rig.pupil.least_fill": 0.6,
-            "rig.pupil.samples": 4, "rig.camera.rows": 64, "rig.camera.cols": 64, "rig.frames.count": _FRAMES,
+            "rig.lenslets.across": 4, "rig.pupil.diameter_m": 0.75e-3, "rig.pupil.modes": _MODES, "rig.pupil.least_fill": 0.6,
+            "rig.pupil.samples": 4, "rig.camera.rows": 48, "rig.camera.cols": 48, "rig.frames.count": _FRAMES,
             "rig.detector.intensifier": None, "rig.detector.gain_dn_per_e": 0.2, "rig.detector.read_noise_e": 5.0,
             "rig.detector.dark_current_e_per_s": 0.0,
         },
@@ -67,7 +67,7 @@ def _slope_step(capture: xr.Dataset | None) -> float:
 
 def _mode_step(capture: xr.Dataset) -> float:
     """Tilt coefficient [rad rms] of a slope of a pixel: k s D/4."""
-    return 2.0 * np.pi / 532e-9 * 17.8e-6 / 6.7e-3 * 1.05e-3 / 4.0
+    return 2.0 * np.pi / 532e-9 * 17.8e-6 / 6.7e-3 * 0.75e-3 / 4.0
 
 
 def _converter(rig: dict[str, Any]) -> dict[str, Any]:

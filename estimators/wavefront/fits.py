@@ -1,8 +1,7 @@
-"""Fits of a spot to the pixels of its cell, all lenslets at once: a Gaussian by least squares, and the declared spot by
-maximum likelihood.
+"""Fits of a spot to the pixels of its cell: a Gaussian by least squares, and the declared spot by maximum likelihood.
 
-Gauss-Newton with Marquardt's damping on the parameters p of a model μ(p). Weights w = 1 (least squares) or 1/V(μ), V = F²(μ + B) +
-σ², anew in each step: quasi-maximum likelihood (R. W. M. Wedderburn, Biometrika 61:439, 1974), as precise as maximum likelihood for
+Gauss-Newton with Marquardt's damping on the parameters of a model μ. Weights are 1 (least squares), or 1/V(μ), V = F²(μ + B) + σ²,
+anew in each step: quasi-maximum likelihood (R. W. M. Wedderburn, Biometrika 61:439, 1974), as precise as maximum likelihood for
 Poisson light and read noise.
 """
 
@@ -26,15 +25,15 @@ Float = npt.NDArray[np.float64]
 Model = Callable[[Float], tuple[Float, Float]]
 
 
-def _fitted(cells: Cells, model: Model, start: Float, *, weighted: bool, steps: int) -> Found:
+def _fitted(cells: Cells, model: Model, start: Float, steps: int) -> Found:
     """The first two parameters of a fit, x and y, and their variances."""
     p = start.copy()
     lenslets = np.arange(len(p))
     damping = np.full(len(p), 1e-3)
     mu, gradient = model(p)
     moved = np.full(len(p), np.inf)
+    weight = cells.inside.astype(np.float64)
     for _ in range(steps):
-        weight = _weights(cells, mu, weighted)
         rest = cells.z - mu
         normal = np.einsum("lij,laij,lbij->lab", weight, gradient, gradient, optimize=True)
         pull = np.einsum("lij,laij,lij->la", weight, gradient, rest, optimize=True)
@@ -51,7 +50,6 @@ def _fitted(cells: Cells, model: Model, start: Float, *, weighted: bool, steps: 
         damping = np.clip(np.where(better, 0.2 * damping, 8.0 * damping), 1e-12, 1e12)
         if moved[cells.sound].max(initial=0.0) < 1e-5:
             break
-    weight = _weights(cells, mu, weighted)
     normal = np.einsum("lij,laij,lbij->lab", weight, gradient, gradient, optimize=True)
     spread = weight**2 * (cells.excess * np.maximum(mu + cells.level[:, None, None], 0.0) + cells.floor_e2)
     meat = np.einsum("lij,laij,lbij->lab", spread, gradient, gradient, optimize=True)
@@ -60,14 +58,6 @@ def _fitted(cells: Cells, model: Model, start: Float, *, weighted: bool, steps: 
     variance = np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=1)
     good = (moved < 1e-3) & (p[lenslets, 2] > 0) & (variance > 0).all(axis=1)
     return Found(p[:, :2], variance, good)
-
-
-def _weights(cells: Cells, mu: Float, weighted: bool) -> Float:
-    if not weighted:
-        return cells.inside.astype(np.float64)
-    variance = cells.excess * np.maximum(mu + cells.level[:, None, None], 0.0) + cells.floor_e2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(cells.inside & (variance > 0), 1.0 / np.maximum(variance, 1e-12), 0.0)
 
 
 def _solve(matrix: Float, right: Float) -> Float:
@@ -86,21 +76,14 @@ def _inverse(matrix: Float) -> Float:
     return np.asarray(np.where(sound[:, None, None], found, 0.0))
 
 
-def _declared(cells: Cells, p: Float) -> tuple[Float, Float]:
-    """A P(x − cx) P(y − cy) over (cx, cy, A)."""
-    u, v = cells.x - p[:, :1], cells.y - p[:, 1:2]
-    px, py, dx, dy = cells.spot.share(u), cells.spot.share(v), cells.spot.slope(u), cells.spot.slope(v)
-    light = p[:, 2, None, None]
-    shape = py[:, :, None] * px[:, None, :]
-    gradient = np.stack(
-        [-light * py[:, :, None] * dx[:, None, :], -light * dy[:, :, None] * px[:, None, :], shape], axis=1
-    )
-    inside = cells.inside
-    return light * shape * inside, gradient * inside[:, None]
-
-
 def _ml(cells: Cells, steps: int) -> Found:
-    return _fitted(cells, partial(_declared, cells), first_guess(cells), weighted=True, steps=steps)
+    from .fit_kernel import fit_spots
+
+    spot = cells.spot
+    return Found(*fit_spots(
+        cells.z, cells.x, cells.y, cells.inside, cells.level, first_guess(cells), spot.tables, spot.start_px, spot.per_px,
+        cells.excess, cells.floor_e2, steps,
+    ))  # fmt: skip
 
 
 @estimator("centroid", cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-maximum likelihood), per spot")
@@ -144,7 +127,7 @@ def _gaussian_fit(cells: Cells, steps: int) -> Found:
     start = first_guess(cells)
     more = np.zeros((len(start), 2))
     more[:, 1] = np.log(cells.spot.sigma_px)
-    return _fitted(cells, partial(_gaussian, cells), np.concatenate([start, more], axis=1), weighted=False, steps=steps)
+    return _fitted(cells, partial(_gaussian, cells), np.concatenate([start, more], axis=1), steps)
 
 
 @estimator("centroid", cites="K. Levenberg 1944, D. Marquardt 1963: least squares of a Gaussian over pixels, per spot")

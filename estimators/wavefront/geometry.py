@@ -98,17 +98,23 @@ class Spot:
         edge = np.clip(np.stack([fine + 0.5, fine - 0.5]), u[0], u[-1])
         share = CubicSpline(fine, np.asarray(whole(edge[0]) - whole(edge[1])), extrapolate=False)
         grid = np.arange(fine[0], fine[-1], 1.0 / _FINE)
-        self._start = float(grid[0])
+        #: u [px] of the tables' first node, and nodes per pixel.
+        self.start_px, self.per_px = float(grid[0]), _FINE
         self._table = [
             np.append(np.nan_to_num(one(grid)), 0.0) for one in (share, share.derivative(1), share.derivative(2))
         ]
         #: rms width [px] of the core: that of the Gaussian of equal peak.
         self.sigma_px = float(1.0 / (np.sqrt(2.0 * np.pi) * max(float(value.max() / (value.sum() * step_px)), 1e-300)))
 
+    @property
+    def tables(self) -> tuple[Float, Float]:
+        """P(u) and dP/du at the nodes."""
+        return self._table[0], self._table[1]
+
     def _looked_up(self, u: Float, which: int) -> Float:
         """Linear between nodes 1/_FINE px apart, and 0 beyond the samples."""
         table = self._table[which]
-        at = (u - self._start) * _FINE
+        at = (u - self.start_px) * self.per_px
         last = table.size - 2
         node = np.clip(at, 0.0, last).astype(np.intp)
         value = table[node] + (at - node) * (table[node + 1] - table[node])

@@ -21,7 +21,7 @@ from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
 
-__all__ = ["Modes", "modes_of", "modal_result", "zernike_ls"]
+__all__ = ["Modes", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes", "zernike_ls"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -66,8 +66,11 @@ def pupil_grid(geometry: Geometry) -> tuple[Float, Float, Bool]:
     return np.asarray(x), np.asarray(y), np.asarray(mask)
 
 
-def modal_result(modes: Modes, coefficient: Float, covariance: list[Float | None], good: Bool) -> xr.Dataset:
-    """The result of the stage `reconstruction` from coefficients (frame, mode) and their covariances, None where there are none.
+def modal_result(
+    modes: Modes, coefficient: Float, covariance: list[Float | None], good: Bool, last: int = 0
+) -> xr.Dataset:
+    """The result of the stage `reconstruction` from coefficients (frame, mode) and their covariances, None where there are none;
+    `last`: greatest Noll index that is reported (0: all), while all make the phase.
 
     The phase's standard error is that of the coefficients, √(Zᵀ C Z); samples outside the pupil are invalid.
     """
@@ -87,7 +90,9 @@ def modal_result(modes: Modes, coefficient: Float, covariance: list[Float | None
                 np.maximum(np.einsum("jp,jk,kp->p", modes.surface, held, modes.surface, optimize=True), 0)
             )
         spread[frame][modes.mask] = shown[id(held)]
-    there = np.broadcast_to(good[:, None], (frames, number))
+    if last:
+        coefficient, sigma = coefficient[:, : last - 1], sigma[:, : last - 1]
+    there = np.broadcast_to(good[:, None], coefficient.shape)
     inside = good[:, None, None] & modes.mask
     return stage_result(
         "reconstruction",
@@ -114,7 +119,8 @@ def read_slopes(slopes: xr.Dataset, geometry: Geometry) -> tuple[Float, Float, B
     return own, variance, valid
 
 
-def _last(rig: DeclaredRig, modes: int) -> int:
+def last_mode(rig: DeclaredRig, modes: int) -> int:
+    """Greatest Noll index to estimate; 0: that of the rig. Raises InputError for fewer slopes than modes."""
     geometry = declared_geometry(rig)
     last = geometry.modes if modes == 0 else int(modes)
     lenslets = len(geometry.centre_m)
@@ -141,7 +147,7 @@ def zernike_ls(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, weighted
     (Aᵀ Σ⁻¹ A)⁻¹; what the modes that are left out do to those that are fitted (aliasing) is not in it. A frame is invalid where its
     slopes do not tell the modes apart. Raises InputError for fewer slopes than modes.
     """
-    last = _last(rig, modes)
+    last = last_mode(rig, modes)
     basis = modes_of(rig, last)
     own, variance, valid = read_slopes(slopes, declared_geometry(rig))
     return _least_squares(basis, own, variance, valid, weighted=weighted)

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from ...optics.turbulence.flow import TABLE_RANGE_M, table_r0_m
 from ..base import Spec
 from ..quantities import Distance
 
-__all__ = ["FLOW_R0_M", "Aberration", "Flow", "Layer", "Layers", "Still", "Turbulence", "layers_of"]
+__all__ = ["Aberration", "Flow", "Layer", "Layers", "Still", "Turbulence", "layers_of"]
 
 _R0 = Annotated[float, Field(ge=1e-6, le=1e6)]
 _Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
-
-#: Flow [L/min] -> Fried parameter [m] at 532 nm of one pass of the layer at the water inlet. A table and no law: at a fixed
-#: dissipation of temperature, more flow makes *less* optical turbulence, and the document gives no value. Trends of a
-#: wavefront with the flow follow from this table by construction.
-FLOW_R0_M: dict[float, float] = {0.0: 1e3, 10.0: 8.0e-3, 20.0: 5.0e-3, 30.0: 3.5e-3, 40.0: 2.5e-3}
-#: Range [m] -> share of the strength r0^(−5/3) at the inlet, which is at 4 m.
-_SHARE: dict[float, float] = {1.0: 0.05, 2.0: 0.12, 3.0: 0.3, 4.0: 1.0}
 
 
 class Layer(Spec):
@@ -47,9 +41,10 @@ class Layers(Spec):
 
 
 class Flow(Spec):
-    """The tank of Guo et al. 2017: water that flows in at 4 m, `flow_l_per_min` of 0 to 40 (`FLOW_R0_M`).
+    """The tank of Guo et al. 2017: water that flows in at 4 m, `flow_l_per_min` of 0 to 40.
 
-    Layers at 1, 2, 3 and 4 m, weaker away from the inlet; r0^(−5/3) is interpolated linearly over the flow.
+    Layers at 1, 2, 3 and 4 m, so that r0 of one pass of all layers up to a range is that of `optics.turbulence.flow.table_r0_m`.
+    The table is ours: the document gives none, and trends of a wavefront with the flow follow from it by construction.
     """
 
     kind: Literal["flow"] = "flow"
@@ -79,8 +74,10 @@ def layers_of(turbulence: Still | Layers | Flow) -> tuple[Layer, ...]:
         return ()
     if isinstance(turbulence, Layers):
         return tuple(sorted(turbulence.layers, key=lambda layer: layer.range_m))
-    flows = sorted(FLOW_R0_M)
-    strength: Any = np.interp(turbulence.flow_l_per_min, flows, [FLOW_R0_M[flow] ** (-5.0 / 3.0) for flow in flows])
+    strength = table_r0_m(turbulence.flow_l_per_min, TABLE_RANGE_M) ** (-5.0 / 3.0)
+    own = np.diff(strength, prepend=0.0)
     return tuple(
-        Layer(range_m=at, r0_m=float((strength * share) ** (-3.0 / 5.0))) for at, share in sorted(_SHARE.items())
+        Layer(range_m=float(at), r0_m=float(one ** (-3.0 / 5.0)))
+        for at, one in zip(TABLE_RANGE_M, own, strict=True)
+        if one > 0.0
     )
