@@ -29,7 +29,6 @@ class Stage(IntEnum):
     PATHS = 9
     PULSES = 10  # mean jitter of the pulses of a slice or record
     SCREEN = 20  # turbulence; a block is a frame and a layer
-    SPECKLE = 21
 
 
 def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:

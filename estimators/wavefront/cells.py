@@ -218,7 +218,8 @@ def check_frames(capture: xr.Dataset) -> tuple[DeclaredRig, npt.NDArray[Any], np
 def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0) -> xr.Dataset:
     """The result of the stage `centroid`: spots [px] (frame, lenslet, axis), axis 0 along columns.
 
-    Raises InputError as `check_frames` and `relative`.
+    Raises InputError as `check_frames`, for a reference without spots, and for one whose spots do not lie where the rig declares
+    them.
     """
     rig, counts, reference = check_frames(capture)
     usable = np.asarray(capture["valid"].values, bool)
@@ -243,6 +244,7 @@ def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0) 
         np.concatenate([one.variance for one in parts]).reshape(*shape, 2),
         np.concatenate([one.good for one in parts]).reshape(shape),
     )
+    _check_reference(origin.good, first_guess(cells_of(reference[None], rig))[:, :2], geometry)
     return relative(frames, origin, usable, geometry, lock)
 
 
@@ -273,10 +275,7 @@ def relative(frames: Found, origin: Found, usable: Bool, geometry: Geometry, loc
 
     `lock` (axis): rms error [px] of a reading over the places within a pixel. An error that varies as a sine over the pixel makes
     that of a difference of readings Δ apart 2 lock² (1 − cos 2πΔ); beyond a quarter of a pixel its mean, 2 lock², is stated.
-
-    Raises InputError for a reference without spots, and for one whose spots do not lie where the rig declares them.
     """
-    _check_reference(origin, geometry)
     moved = frames.position - origin.position
     position = moved + geometry.place_px
     with np.errstate(invalid="ignore"):
@@ -287,19 +286,20 @@ def relative(frames: Found, origin: Found, usable: Bool, geometry: Geometry, loc
         return stage_result("centroid", spot=position, sigma=np.sqrt(variance), valid=valid)
 
 
-def _check_reference(origin: Found, geometry: Geometry) -> None:
-    if not origin.good.any():
+def _check_reference(good: Bool, peak: Float, geometry: Geometry) -> None:
+    """Raise InputError for a reference without spots, or with spots (`peak`, px from the declared places) anywhere in the cells."""
+    if not good.any():
         raise InputError(
             "The reference shows no spot: slopes have no zero.", where="reference",
             value="no lenslet with a spot above the noise", allowed="the spot field of a flat wavefront",
             next_step="record the reference with more light, or check the declared lenslets and detector",
         )  # fmt: skip
-    off = origin.position[origin.good] - origin.position[origin.good].mean(axis=0)
+    off = peak[good] - np.median(peak[good], axis=0)
     rms = float(np.sqrt((off**2).mean())) / geometry.pitch_px
-    if rms > _OFF_LATTICE or 2 * int(origin.good.sum()) < origin.good.size:
+    if rms > _OFF_LATTICE or 2 * int(good.sum()) < good.size:
         raise InputError(
             "The spots of the reference do not lie on the declared lattice.", where="attribute rig: lenslets",
-            value=f"{rms:.2g} of the pitch rms, {int(origin.good.sum())} of {origin.good.size} spots found",
+            value=f"{rms:.2g} of the pitch rms, {int(good.sum())} of {good.size} spots found",
             allowed=f"{_OFF_LATTICE:g} of the pitch rms or less, half of the spots or more",
             next_step="check pitch, rotation and pixel pitch of the declared rig",
         )  # fmt: skip

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.special import ndtr
 
 from ..registry import estimator
 from .cells import Cells, Found, measured
@@ -143,17 +144,26 @@ def spot_power(capture: xr.Dataset, *, alpha: float = 1.5, least_sigmas: float =
 
 def _brightest(cells: Cells, pixels: int) -> Found:
     flat = np.where(cells.inside, cells.z, -np.inf).reshape(len(cells.z), -1)
-    number = min(pixels, flat.shape[1])
-    limit = np.partition(flat, -number, axis=1)[:, -number][:, None, None]
+    number = min(pixels, flat.shape[1] - 1)
+    ordered = np.partition(flat, (-number - 1, -number), axis=1)
+    limit = ordered[:, -number][:, None, None]
     kept = cells.inside & (cells.z >= limit) & (cells.z > 0)
-    return _centre(cells, np.where(kept, cells.z, 0.0), kept.astype(np.float64))
+    # A pixel near the limit is in or out by its noise: with the chance q to be in, its share of the sum has V q + z² q (1 − q).
+    between = 0.5 * (limit + ordered[:, -number - 1][:, None, None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        chance = ndtr((cells.z - between) / np.sqrt(cells.variance)) * cells.inside
+        slope = np.sqrt(
+            chance + np.where(cells.variance > 0, cells.z**2 / cells.variance, 0.0) * chance * (1.0 - chance)
+        )
+    return _centre(cells, np.where(kept, cells.z, 0.0), np.nan_to_num(slope))
 
 
 @estimator("centroid", cites="A. G. Basden et al., MNRAS 419:1628, 2012 (brightest pixel selection)")
 def spot_brightest(capture: xr.Dataset, *, pixels: int = 9, least_sigmas: float = 5.0) -> xr.Dataset:
     """c = Σ x z/Σ z over the `pixels` brightest pixels of the cell.
 
-    Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`; sigma takes the choice of pixels as fixed.
+    Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`; sigma holds that noise
+    decides which pixels count.
     """
     return measured(capture, partial(_brightest, pixels=max(int(pixels), 3)), least_sigmas=least_sigmas)
 

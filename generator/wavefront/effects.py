@@ -36,5 +36,5 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
         effect("PRNU", bool(detector.prnu), detector.prnu, "rms"),
         effect("DSNU", bool(detector.dsnu_e), None, "fixed offsets"),
         effect("lenslets that differ", False, None, "not modelled: all have one focal length and no aberration"),
-        effect("wavefront of a finite source", False, None, "not modelled: the target is a mirror or a point"),
+        effect("speckle of a diffuse target", False, 0.0 if rig.reflection == "mirror" else None, "not modelled"),
     ]  # fmt: skip

@@ -15,8 +15,7 @@ from ..errors import InputError
 from ..medium_index import medium_data
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
-from .parts import Illumination
-from .roles import Steps
+from .parts import Camera, Illumination
 from .wavefront_geometry import Lattice, lattice_of, spot_px
 from .wavefront_spec import WavefrontRig
 
@@ -130,11 +129,9 @@ def _check_image(scene: RigScene, rig: WavefrontRig, lattice: Lattice, cell: flo
 
 
 def _check_targets(scene: RigScene, rig: WavefrontRig) -> None:
-    from ..shapes import Rectangle
-
     for item in getattr(scene, "target", ()):
         shape = item.shape
-        flat = isinstance(shape, Rectangle) and shape.tilt_x_deg == 0 and shape.tilt_y_deg == 0
+        flat = shape.kind == "rectangle" and shape.tilt_x_deg == 0 and shape.tilt_y_deg == 0
         if not flat or shape.center_m[2] <= 0:
             raise InputError(
                 "The beam of a wavefront rig meets flat reflectors square to it only.",
@@ -148,15 +145,10 @@ def _check_targets(scene: RigScene, rig: WavefrontRig) -> None:
                 "A reflector does not cover the beam.", where=f"{scene.name}: target.{item.name}.shape", value=reach,
                 allowed=f"{half:.4g} m or more from the axis to every edge",
             )  # fmt: skip
-    if rig.reflection == "mirror" and rig.speckle_modes is not None:
-        raise InputError(
-            "A mirror makes no speckle.", where=f"{scene.name}: rig.speckle_modes", value=rig.speckle_modes,
-            next_step='leave it out, or give rig.reflection = "diffuse"',
-        )  # fmt: skip
 
 
 def _sizes(rig: WavefrontRig) -> tuple[int, int, int]:
-    return rig.frames.count, rig.camera.rows, rig.camera.cols
+    return rig.camera.rows * rig.camera.cols, rig.frames.count, 1
 
 
 def _places(rig: WavefrontRig) -> dict[str, Vec3]:
@@ -164,9 +156,15 @@ def _places(rig: WavefrontRig) -> dict[str, Vec3]:
 
 
 def _view(rig: WavefrontRig) -> RigView:
-    """For pictures: a narrow beam, and no camera that sees a scene."""
+    """For pictures: the beam's narrow cone, seen through the collimator by the pixels that the lenslets stand before."""
     cone = Illumination(profile="flat-top", half_angle_rad=1e-3, offset_rad=(0.0, 0.0))
-    return RigView(None, cone)
+    focal = rig.bench.collimator_focal_length_m
+    camera = Camera(
+        rows=rig.camera.rows, cols=rig.camera.cols, pixel_pitch_m=rig.camera.pixel_pitch_m, focal_length_m=focal,
+        f_number=min(max(focal / rig.bench.beam_diameter_m, 0.1), 1e6), transmission=1.0,
+        quantum_efficiency=rig.camera.quantum_efficiency, vignetting="none",
+    )  # fmt: skip
+    return RigView(camera, cone)
 
 
 def _resize(side: int) -> dict[str, Any]:
@@ -193,7 +191,6 @@ KIND = RigKind(
         "pulse": "rig.laser.pulse",
         "pulse-width": "rig.laser.pulse.fwhm_s",
         "read-noise": "rig.detector.read_noise_e",
-        "sampling": Steps("rig.frames.step_s", "rig.frames.count", least=1),
         "start": "rig.frames.start_s",
     },
 )

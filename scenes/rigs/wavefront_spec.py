@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from ..quantities import MomentTime, Rate
 from ..waveforms import Gate
@@ -16,7 +16,7 @@ from .wavefront_turbulence import Aberration, Turbulence
 __all__ = ["WavefrontRig"]
 
 #: Absent options are left out of the data.
-_OPTIONAL = ("aberration", "speckle_modes")
+_OPTIONAL = ("aberration",)
 
 
 class WavefrontRig(RigSpec):
@@ -24,7 +24,7 @@ class WavefrontRig(RigSpec):
 
     The reflectors are the scene's target, flat and square to the beam; `reflection` says what they return: "mirror", the beam
     itself, so that the phase of the way out doubles on the way back, or "diffuse", light from a spot on the target, whose phase
-    is that of the way back, with `speckle_modes` M independent speckle patterns in each frame (absent: none).
+    is that of the way back. Speckle is not modelled: it is taken as averaged away.
     `turbulence` lies in the water and is not declared. `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
     """
 
@@ -38,7 +38,6 @@ class WavefrontRig(RigSpec):
     frames: Series
     detector: Detector
     reflection: Literal["mirror", "diffuse"]
-    speckle_modes: Annotated[int, Field(ge=1, le=10**6)] | None = None
     turbulence: Turbulence
     aberration: Aberration | None = None
     ambient_e_per_s: Rate
