@@ -21,7 +21,7 @@ from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
 
-__all__ = ["Modes", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes", "zernike_ls"]
+__all__ = ["Modes", "check_disc", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes", "zernike_ls"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -40,15 +40,20 @@ class Modes:
     mask: Bool
 
 
-@lru_cache(maxsize=8)
-def modes_of(rig: DeclaredRig, last: int) -> Modes:
-    """The modes up to Noll's index `last`. Raises InputError for a pupil that is no disc."""
-    geometry = declared_geometry(rig)
+def check_disc(geometry: Geometry) -> None:
+    """Raise InputError for a pupil that is no disc."""
     if geometry.shape != "disc":
         raise InputError(
             "Zernike polynomials are those of a disc.", where="attribute rig: pupil.shape", value=geometry.shape, allowed="disc",
             next_step="take a zonal reconstruction",
         )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def modes_of(rig: DeclaredRig, last: int) -> Modes:
+    """The modes up to Noll's index `last`. Raises InputError for a pupil that is no disc."""
+    geometry = declared_geometry(rig)
+    check_disc(geometry)
     noll = range(2, last + 1)
     radius = 0.5 * geometry.diameter_m
     slope = mean_gradients(noll, geometry.centre_m, square(geometry.pitch_m), radius) / geometry.wavenumber
@@ -119,9 +124,11 @@ def read_slopes(slopes: xr.Dataset, geometry: Geometry) -> tuple[Float, Float, B
     return own, variance, valid
 
 
-def last_mode(rig: DeclaredRig, modes: int) -> int:
+def last_mode(rig: DeclaredRig, modes: int, *, disc: bool = False) -> int:
     """Greatest Noll index to estimate; 0: that of the rig. Raises InputError for fewer slopes than modes."""
     geometry = declared_geometry(rig)
+    if disc:
+        check_disc(geometry)
     last = geometry.modes if modes == 0 else int(modes)
     lenslets = len(geometry.centre_m)
     if last < 2 or last - 1 > 2 * lenslets:
