@@ -37,6 +37,7 @@ BUILTIN: dict[str, str] = {
     "spot-centroid": "beambench.estimators.wavefront.moments:spot_centroid",
     "spot-correlation": "beambench.estimators.wavefront.correlations:spot_correlation",
     "spot-gaussian": "beambench.estimators.wavefront.fits:spot_gaussian",
+    "spot-joint": "beambench.estimators.wavefront.fits:spot_joint",
     "spot-matched": "beambench.estimators.wavefront.correlations:spot_matched",
     "spot-ml": "beambench.estimators.wavefront.fits:spot_ml",
     "spot-power": "beambench.estimators.wavefront.moments:spot_power",

@@ -66,15 +66,25 @@ def test_a_stated_error_is_true_where_spots_move_little(name: str) -> None:
 
 @pytest.mark.parametrize("flux", [300.0, 3000.0])
 def test_maximum_likelihood_attains_the_bound_with_a_true_sigma(flux: float) -> None:
-    """8,000 values: efficiency scatters by √(2/8000) = 1.6 %."""
-    slope = 0.25 * PER_PX * np.random.default_rng(4).standard_normal((64, 64, 2))
+    """Spots moved by .08 px, as by d/r0 = .1: f (λ/d) √.162 (d/r0)^{5/6}. 8,000 values: efficiency scatters by √(2/8000) = 1.6 %."""
+    slope = 0.08 * PER_PX * np.random.default_rng(4).standard_normal((64, 64, 2))
     capture = written_capture(scene_of(64), flux, 1.0, slope, seed=5)
     error, sigma, valid = spots(capture, "spot-ml")
     bound = wavefront_bounds(capture)["spot"]
-    assert bound.kind == "exact" and valid.mean() > 0.995
+    assert bound.kind == ("exact" if flux > 1000 else "quasi") and valid.mean() > 0.995
     efficiency = 1.0 / np.mean((error / bound.sigma)[valid] ** 2)
     assert 0.95 < efficiency < 1.0 + 4 * np.sqrt(2 / 8000)
     assert 0.95 < np.sqrt(np.mean((error / sigma)[valid] ** 2)) < 1.05
+
+
+def test_the_joint_fit_takes_off_the_light_of_neighbours() -> None:
+    """30,000 photoelectrons, spots moved by a quarter of a pixel: per-spot likelihood errs by the light of neighbours, which the
+    joint fit models. 3,072 values: 2.6 %."""
+    slope = 0.25 * PER_PX * np.random.default_rng(4).standard_normal((24, 64, 2))
+    capture = written_capture(scene_of(24), 3e4, 1.0, slope, seed=5)
+    bound = wavefront_bounds(capture)["spot"].sigma
+    alone, joint = (np.mean((spots(capture, name)[0] / bound) ** 2) for name in ("spot-ml", "spot-joint"))
+    assert alone > 2.0 and joint < 1.25
 
 
 @pytest.mark.parametrize("name", SPOTS)

@@ -54,7 +54,7 @@ class Cells:
     z (lenslet, w, w): photoelectrons above the background, 0 outside the cell. variance: of each pixel. x (lenslet, w), y: columns
     and rows of the pixels from the declared place. inside (lenslet, w, w): the cell. level (lenslet): background, photoelectrons.
     sound (lenslet): cells without bad pixels that show a spot. floor_e2: variance of a pixel without light; excess: F², both over
-    the number of exposures.
+    the number of exposures. alone: whether the cells hold one spot each and no image lies behind them.
     """
 
     z: Float
@@ -68,6 +68,7 @@ class Cells:
     excess: float
     geometry: Geometry
     spot: Spot
+    alone: bool = False
 
 
 Method = Callable[[Cells], Found]
@@ -260,7 +261,7 @@ def _locking(cells: Cells, method: Method) -> Float:
     z = _BRIGHT * cells.spot.share(y - at[:, 1:])[:, :, None] * cells.spot.share(x - at[:, :1])[:, None, :] * inside
     none = np.zeros(len(at))
     ideal = Cells(
-        z, z + 1e-6, x, y, inside, none, none == 0, 1e-6, 1.0, cells.geometry, cells.spot,
+        z, z + 1e-6, x, y, inside, none, none == 0, 1e-6, 1.0, cells.geometry, cells.spot, alone=True,
     )  # fmt: skip
     found = method(ideal)
     error = np.where(found.good[:, None], found.position - at, np.nan)

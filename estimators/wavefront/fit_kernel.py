@@ -20,20 +20,20 @@ Float = npt.NDArray[np.float64]
 def fit_spots(
     z: Float, x: Float, y: Float, inside: npt.NDArray[np.bool_], level: Float, start: Float,
     tables: tuple[Float, Float], origin: float, fine: int, excess: float, floor_e2: float, steps: int,
-) -> tuple[Float, Float, npt.NDArray[np.bool_]]:  # fmt: skip
-    """(position [px] (spot, axis), variance [px²] (spot, axis), whether the fit converged (spot)).
+) -> tuple[Float, Float, npt.NDArray[np.bool_], Float]:  # fmt: skip
+    """(position [px] (spot, axis), variance [px²] (spot, axis), whether the fit converged (spot), photoelectrons (spot)).
 
     Main arguments:
-        z (spot, w, w): photoelectrons above the background `level` (spot). x, y (spot, w): pixels from the declared place.
+        z (spot, w, w): photoelectrons above the background `level` (spot, w, w). x, y (spot, w): pixels from the declared place.
         start (spot, 3): cx, cy, A to begin with. tables: P and dP/du from u = `origin` on.
     """
-    out = np.empty((5, len(z)))
+    out = np.empty((6, len(z)))
     _fit(
         np.ascontiguousarray(z), np.ascontiguousarray(x), np.ascontiguousarray(y), np.ascontiguousarray(inside),
         np.ascontiguousarray(level), np.ascontiguousarray(start), tables[0], tables[1], origin, float(fine), excess, floor_e2,
         steps, out,
     )  # fmt: skip
-    return out[:2].T.copy(), out[2:4].T.copy(), out[4] > 0
+    return out[:2].T.copy(), out[2:4].T.copy(), out[4] > 0, out[5]
 
 
 @kernel
@@ -103,7 +103,7 @@ def _fit(z, x, y, inside, level, start, share, slope, origin, fine, excess, floo
                     if not inside[k, i, j]:
                         continue
                     mu = p[2] * py[i] * px[j]
-                    v = max(excess * max(mu + level[k], 0.0) + floor, 1e-12)
+                    v = max(excess * max(mu + level[k, i, j], 0.0) + floor, 1e-12)
                     w = 1.0 / v
                     weight[i, j] = w
                     g[0] = -p[2] * py[i] * dx[j]
@@ -154,3 +154,4 @@ def _fit(z, x, y, inside, level, start, share, slope, origin, fine, excess, floo
         out[2, k] = inverse[0, 0]
         out[3, k] = inverse[1, 1]
         out[4, k] = 1.0
+        out[5, k] = p[2]

@@ -13,14 +13,17 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from ..registry import estimator
 from .cells import Cells, Found, first_guess, measured
 
-__all__ = ["spot_gaussian", "spot_ml"]
+__all__ = ["spot_gaussian", "spot_joint", "spot_ml"]
 
 Float = npt.NDArray[np.float64]
+#: Distance [pitches] up to which a spot's light is taken off other cells.
+_REACH = 2.6
 #: Parameters (lenslet, p) -> (μ above the background (lenslet, w, w), its gradient (lenslet, p, w, w)).
 Model = Callable[[Float], tuple[Float, Float]]
 
@@ -76,14 +79,21 @@ def _inverse(matrix: Float) -> Float:
     return np.asarray(np.where(sound[:, None, None], found, 0.0))
 
 
-def _ml(cells: Cells, steps: int) -> Found:
+def _fit_declared(cells: Cells, others: Float, start: Float, steps: int) -> tuple[Found, Float]:
+    """(positions, photoelectrons) of the declared spot in every cell, `others` (lenslet, w, w) the light of other spots there."""
     from .fit_kernel import fit_spots
 
     spot = cells.spot
-    return Found(*fit_spots(
-        cells.z, cells.x, cells.y, cells.inside, cells.level, first_guess(cells), spot.tables, spot.start_px, spot.per_px,
-        cells.excess, cells.floor_e2, steps,
-    ))  # fmt: skip
+    level = cells.level[:, None, None] + others
+    position, variance, good, light = fit_spots(
+        cells.z - others, cells.x, cells.y, cells.inside, level, start, spot.tables, spot.start_px, spot.per_px, cells.excess,
+        cells.floor_e2, steps,
+    )  # fmt: skip
+    return Found(position, variance, good), light
+
+
+def _ml(cells: Cells, steps: int) -> Found:
+    return _fit_declared(cells, np.zeros_like(cells.z), first_guess(cells), steps)[0]
 
 
 @estimator("centroid", cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-maximum likelihood), per spot")
@@ -94,6 +104,57 @@ def spot_ml(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0) 
     the spot's: its pattern is the reference's, and drops out as far as the spot does not move.
     """
     return measured(capture, partial(_ml, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
+
+
+def _neighbours(cells: Cells) -> npt.NDArray[np.int64]:
+    """(lenslet, k): numbers of the lenslets whose light reaches a cell, −1 where there are fewer."""
+    place = cells.geometry.place_px
+    near = cKDTree(place).query_ball_point(place, _REACH * cells.geometry.pitch_px)
+    most = max(len(one) for one in near)
+    return np.array(
+        [[*(n for n in one if n != own), *([-1] * (most + 1 - len(one)))][:most] for own, one in enumerate(near)]
+    )
+
+
+def _light_of_others(cells: Cells, near: npt.NDArray[np.int64], found: Found, light: Float) -> Float:
+    """Photoelectrons (lenslet, w, w) of the spots of other lenslets in every cell."""
+    place, lenslets = cells.geometry.place_px, len(cells.geometry.place_px)
+    position = np.where(found.good[:, None], found.position, 0.0).reshape(-1, lenslets, 2)
+    bright = np.where(found.good, light, 0.0).reshape(-1, lenslets)
+    x, y = cells.x.reshape(-1, lenslets, cells.x.shape[1]), cells.y.reshape(-1, lenslets, cells.y.shape[1])
+    total = np.zeros((len(position), lenslets, y.shape[2], x.shape[2]))
+    for column in near.T:
+        away = place[column] - place + position[:, column]
+        share = bright[:, column, None] * (column >= 0)[None, :, None] * cells.spot.share(x - away[..., :1])
+        total += cells.spot.share(y - away[..., 1:])[..., :, None] * share[..., None, :]
+    return np.asarray(total.reshape(cells.z.shape) * cells.inside)
+
+
+def _joint(cells: Cells, steps: int, rounds: int) -> Found:
+    found, light = _fit_declared(cells, np.zeros_like(cells.z), first_guess(cells), steps)
+    if cells.alone:
+        return found
+    near = _neighbours(cells)
+    for _ in range(rounds):
+        others = _light_of_others(cells, near, found, light)
+        start = np.where(found.good[:, None], np.column_stack([found.position, light]), first_guess(cells))
+        found, light = _fit_declared(cells, others, start, steps)
+    return found
+
+
+@estimator(
+    "centroid",
+    cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-maximum likelihood), all spots of a frame",
+    joint=True,
+)
+def spot_joint(capture: xr.Dataset, *, rounds: int = 3, steps: int = 40, least_sigmas: float = 5.0) -> xr.Dataset:
+    """As `spot-ml`, with the light of the spots around taken off each cell: all are fitted in turn, `rounds` times.
+
+    Intensities add: what neighbours' fields do to each other is not in the model. Returns spot, sigma [px], valid (frame, lenslet,
+    axis), as `spot-centroid`.
+    """
+    method = partial(_joint, steps=max(int(steps), 1), rounds=max(int(rounds), 1))
+    return measured(capture, method, least_sigmas=least_sigmas)
 
 
 def _gaussian(cells: Cells, p: Float) -> tuple[Float, Float]:

@@ -22,7 +22,7 @@ from .wavefront_spec import WavefrontRig
 __all__ = ["KIND", "WavefrontRig", "wavefront_rig"]
 
 #: Samples of the declared spot per pixel, and its half width in pitches.
-_PER_PX, _REACH = 16, 1.5
+_PER_PX, _REACH = 16, 3.5
 
 
 def wavefront_rig(scene: RigScene) -> WavefrontRig:
