@@ -66,7 +66,7 @@ def test_a_stated_error_is_true_where_spots_move_little(name: str) -> None:
 
 @pytest.mark.parametrize("flux", [300.0, 3000.0])
 def test_maximum_likelihood_attains_the_bound_with_a_true_sigma(flux: float) -> None:
-    """Spots moved by .08 px, as by d/r0 = .1: f (λ/d) √.162 (d/r0)^{5/6}. 8,000 values: efficiency scatters by √(2/8000) = 1.6 %."""
+    """Spots moved by .08 px, as by d/r0 = .1: f (λ/d) √.162 (d/r0)^{5/6}. 8,000 values scatter by 1.6 %."""
     slope = 0.08 * PER_PX * np.random.default_rng(4).standard_normal((64, 64, 2))
     capture = written_capture(scene_of(64), flux, 1.0, slope, seed=5)
     error, sigma, valid = spots(capture, "spot-ml")

@@ -74,8 +74,10 @@ class Lenslets(Spec):
     @model_validator(mode="before")
     @classmethod
     def _take_the_preset(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("preset") is None:
+        if not isinstance(data, dict):
             return data
+        if data.get("preset") is None:
+            return {name: _as_tuples(value) for name, value in data.items()}
         held = LENSLET_PRESETS.get(str(data["preset"]))
         if held is None:
             raise ValueError(f"preset should be one of {', '.join(LENSLET_PRESETS)}")
