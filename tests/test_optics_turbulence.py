@@ -8,7 +8,12 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.special import j0, kv
 
-from beambench.optics.turbulence.noll import noll_residual, piston_removed_variance, zernike_covariance
+from beambench.optics.turbulence.noll import (
+    noll_residual,
+    noll_residual_of_many,
+    piston_removed_variance,
+    zernike_covariance,
+)
 from beambench.optics.turbulence.screens import (
     kolmogorov_plan,
     kolmogorov_screen,
@@ -190,6 +195,8 @@ def test_residuals_of_nolls_table() -> None:
     has the exact ones by quadrature)."""
     for count, printed in enumerate(TABLE_IV, 1):
         assert noll_residual(count, 1.0) == pytest.approx(printed, rel=6e-3), count
+    for count in (21, 36, 66, 136):
+        assert noll_residual_of_many(count, 1.0) == pytest.approx(noll_residual(count, 1.0), rel=0.025)
     assert noll_residual(3, 2.0) == pytest.approx(2 ** (5 / 3) * noll_residual(3, 1.0))
     with pytest.raises(ValueError, match="piston"):
         zernike_covariance([1, 2], 1.0)

@@ -186,7 +186,7 @@ def _moved(period: tuple[int, int], shift_x: float, shift_y: float) -> Complex:
 def _slopes(structure: Radial, at_m: float) -> tuple[float, float]:
     """D' and D'' by central differences of fourth order."""
     h = 1e-3 * at_m
-    f = structure(at_m + h * np.arange(-2, 3))
+    f = structure(np.asarray(at_m + h * np.arange(-2, 3), np.float64))
     first = float((f[0] - 8 * f[1] + 8 * f[3] - f[4]) / (12 * h))
     return first, float((-f[0] + 16 * f[1] - 30 * f[2] + 16 * f[3] - f[4]) / (12 * h * h))
 

@@ -23,7 +23,7 @@ from scipy.special import gamma, gammaln
 from ..zernike import orders_of
 from .strength import FRIED, positive
 
-__all__ = ["noll_residual", "piston_removed_variance", "zernike_covariance"]
+__all__ = ["noll_residual", "noll_residual_of_many", "piston_removed_variance", "zernike_covariance"]
 
 Float = NDArray[np.float64]
 
@@ -66,3 +66,10 @@ def noll_residual(modes: int, diameter_over_r0: float) -> float:
     orders_of(modes)
     removed = zernike_covariance(range(2, modes + 1), diameter_over_r0).diagonal().sum() if modes > 1 else 0.0
     return float(piston_removed_variance(diameter_over_r0) - removed)
+
+
+def noll_residual_of_many(modes: int, diameter_over_r0: float) -> float:
+    """Δ_J ≈ .2944 J^{−√3/2} (D/r₀)^{5/3} rad²: Noll's (1976, Eq. 31) approximation for many modes, within 2 % for J = 21 to
+    136 and 6 % at 500."""
+    scale = positive(diameter_over_r0, "diameter_over_r0") ** (5.0 / 3.0)
+    return float(0.2944 * modes ** (-0.5 * np.sqrt(3.0)) * scale)

@@ -136,7 +136,7 @@ def oceanic_plan(
     D is tabulated at 24 separations per octave between a quarter of the spacing and the diagonal and interpolated by a cubic
     spline in log ρ and log D, to 1e-6. Grids far below the inner scale see smooth fields, whose embedding needs a larger torus.
     """
-    reach = spacing_m * float(np.hypot(*(int(n) - 1 for n in shape)))
+    reach = spacing_m * float(np.hypot(shape[0] - 1, shape[1] - 1))
     low, high = np.log(0.25 * positive(spacing_m, "spacing_m")), np.log(1.01 * max(reach, spacing_m))
     nodes = np.linspace(low, high, int(24 * (high - low) / np.log(2.0)) + 8)
     table = CubicSpline(nodes, np.log(oceanic_structure(water, np.exp(nodes), path_m, wavelength_m)))

@@ -69,12 +69,13 @@ def split_step(
             come back at its other side; 1 keeps the periodic grid and its energy.
     """
     u = np.asarray(field, np.complex128)
+    kept = np.asarray(guard, np.float64)
     last: tuple[float, Complex] | None = None
     for distance, screen in steps:
         if distance != 0.0:
             if last is None or last[0] != distance:
                 last = distance, transfer_function((u.shape[0], u.shape[1]), spacing_m, wavelength_m, distance)
-            u = ifft2(fft2(u) * last[1]) * guard
+            u = np.asarray(ifft2(fft2(u) * last[1]) * kept)
         if screen is not None:
             u = u * np.exp(1j * np.asarray(screen, np.float64))
     return np.asarray(u)

@@ -70,7 +70,7 @@ def von_karman_plan(r0_m: float, outer_scale_m: float, shape: tuple[int, int], s
 
     Raises ValueError for lengths that are not positive or a shape that is not.
     """
-    reach = spacing_m * float(np.hypot(*(int(n) - 1 for n in shape)))
+    reach = spacing_m * float(np.hypot(shape[0] - 1, shape[1] - 1))
     if positive(outer_scale_m, "outer_scale_m") < _INTRINSIC * reach:
         support = max(_SUPPORT * outer_scale_m, reach)
         return covariance_plan(lambda r: von_karman_covariance(r, r0_m, outer_scale_m), shape, spacing_m, support)
@@ -99,7 +99,7 @@ _AT_ZERO = float(2.0 ** (-1.0 / 6.0) * gamma(5.0 / 6.0))  # x^{5/6} K_{5/6}(x) a
 
 
 def _scale(r0_m: float, outer_scale_m: float) -> float:
-    return _FACTOR * (outer_scale_m / positive(r0_m, "r0_m")) ** (5.0 / 3.0)
+    return float(_FACTOR * (outer_scale_m / positive(r0_m, "r0_m")) ** (5.0 / 3.0))
 
 
 def _fall(x: Float) -> Float:
