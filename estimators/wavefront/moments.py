@@ -117,7 +117,7 @@ def _weighted(cells: Cells, width: float, steps: int) -> Found:
     "centroid",
     cites="K. L. Baker and M. M. Moallem, Opt. Express 15:5147, 2007 (iteratively weighted centroiding)",
 )
-def spot_weighted(capture: xr.Dataset, *, width: float = 1.2, steps: int = 12, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_weighted(capture: xr.Dataset, *, width: float = 3.0, steps: int = 12, least_sigmas: float = 5.0) -> xr.Dataset:
     """c solves Σ z g(x − c)(x − c) = 0, g a Gaussian of `width` times the declared spot's, by Newton's method.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
