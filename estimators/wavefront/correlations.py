@@ -24,16 +24,39 @@ def _shifted(cells: Cells, middle: Float, shifts: Float) -> tuple[Float, Float]:
     return cells.spot.share(x), cells.spot.share(y)
 
 
-def _correlated(cells: Cells, fit: str) -> Found:
+def _products(cells: Cells) -> Float:
+    """Σ z T(x − s) (lenslet, 2r + 1, 2r + 1) at whole-pixel shifts s of −r … r, by FFT on the cell's own pixels."""
     width = cells.z.shape[1]
     reach = width // 2
-    # Cross-correlation by FFT of cell and spot, both on the cell's own pixels, so that a shift of 0 is the declared place.
     side = 2 * width
     tx, ty = _shifted(cells, np.zeros((len(cells.z), 2)), np.zeros(1))
     template = ty[:, 0, :, None] * tx[:, 0, None, :]
     spectrum = np.fft.rfft2(cells.z, s=(side, side)) * np.conj(np.fft.rfft2(template, s=(side, side)))
     score = np.fft.irfft2(spectrum, s=(side, side))
-    score = np.roll(score, (reach, reach), axis=(1, 2))[:, : 2 * reach + 1, : 2 * reach + 1]
+    return np.asarray(np.roll(score, (reach, reach), axis=(1, 2))[:, : 2 * reach + 1, : 2 * reach + 1])
+
+
+def _differences(cells: Cells, power: int) -> Float:
+    """−Σ |z − A T(x − s)|^power at the same shifts, A the light of the cell."""
+    reach = cells.z.shape[1] // 2
+    shifts = np.arange(-reach, reach + 1, dtype=np.float64)
+    tx, ty = _shifted(cells, np.zeros((len(cells.z), 2)), shifts)
+    light = _light(cells)[:, None, None]
+    score = np.empty((len(cells.z), shifts.size, shifts.size))
+    for i in range(shifts.size):
+        for j in range(shifts.size):
+            rest = cells.z - light * ty[:, i, :, None] * tx[:, j, None, :]
+            score[:, i, j] = -((np.abs(rest) ** power) * cells.inside).sum(axis=(1, 2))
+    return score
+
+
+def _light(cells: Cells) -> Float:
+    return np.maximum(cells.z.sum(axis=(1, 2)), 1e-9)
+
+
+def _correlated(cells: Cells, fit: str, metric: str) -> Found:
+    reach = cells.z.shape[1] // 2
+    score = _products(cells) if metric == "product" else _differences(cells, 2 if metric == "square" else 1)
     flat = score.reshape(len(score), -1).argmax(axis=1)
     row, col = np.clip(flat // (2 * reach + 1), 1, 2 * reach - 1), np.clip(flat % (2 * reach + 1), 1, 2 * reach - 1)
     at = np.arange(len(score))
@@ -54,7 +77,7 @@ def _correlated(cells: Cells, fit: str) -> Found:
         )
     middle = np.stack([col - reach, row - reach], axis=1).astype(np.float64)
     good = (np.abs(offset) <= 1.0).all(axis=1) & (bend[:, :2] < 0).all(axis=1)
-    return Found(middle + offset, _parabola_variance(cells, middle, bend), good)
+    return Found(middle + offset, _parabola_variance(cells, middle, bend, metric), good)
 
 
 def _parabolas(near: Float) -> tuple[Float, Float]:
@@ -74,12 +97,21 @@ def _paraboloid(near: Float) -> tuple[Float, Float]:
     return np.stack([gx, gy], axis=1), np.stack([bx, by, np.einsum("lij,i,j->l", near, t, t) / 4.0], axis=1)
 
 
-def _parabola_variance(cells: Cells, middle: Float, bend: Float) -> Float:
-    """Variance [px²] of the gradient's noise over the curvature's square."""
+def _parabola_variance(cells: Cells, middle: Float, bend: Float, metric: str) -> Float:
+    """Variance [px²] of the gradient's noise over the curvature's square: Σ V (∂gradient/∂z)², what the scores at both sides of the
+    middle have by z: T, 2 A T (but for a common part), or the sign of A T − z."""
     tx, ty = _shifted(cells, middle, np.array([-1.0, 0.0, 1.0]))
-    px, py = 0.5 * (tx[:, 2] - tx[:, 0]), 0.5 * (ty[:, 2] - ty[:, 0])
-    vx = np.einsum("lij,li,lj->l", cells.variance * cells.inside, ty[:, 1] ** 2, px**2)
-    vy = np.einsum("lij,li,lj->l", cells.variance * cells.inside, py**2, tx[:, 1] ** 2)
+    light = _light(cells)[:, None, None]
+
+    def slope(row: int, col: int) -> Float:
+        spot = ty[:, row, :, None] * tx[:, col, None, :]
+        if metric == "product":
+            return spot
+        return 2.0 * light * spot if metric == "square" else np.sign(light * spot - cells.z)
+
+    spread = 0.25 * cells.variance * cells.inside
+    vx = (spread * (slope(1, 2) - slope(1, 0)) ** 2).sum(axis=(1, 2))
+    vy = (spread * (slope(2, 1) - slope(0, 1)) ** 2).sum(axis=(1, 2))
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.stack([vx, vy], axis=1) / bend[:, :2] ** 2
 
@@ -89,15 +121,20 @@ def _parabola_variance(cells: Cells, middle: Float, bend: Float) -> Float:
     cites="L. A. Poyneer, Appl. Opt. 42:5807, 2003 (correlation by FFT, parabola); S. Thomas et al., MNRAS 371:323, 2006",
 )
 def spot_correlation(
-    capture: xr.Dataset, *, fit: Literal["lines", "surface"] = "lines", least_sigmas: float = 5.0
+    capture: xr.Dataset,
+    *,
+    metric: Literal["product", "square", "absolute"] = "product",
+    fit: Literal["lines", "surface"] = "lines",
+    least_sigmas: float = 5.0,
 ) -> xr.Dataset:
-    """The maximum of Σ z T(x − c) on whole pixels, T the declared spot, refined by parabolas along the two axes ("lines") or by the
+    """The maximum of Σ z T(x − c) on whole pixels, T the declared spot, or, by `metric`, the minimum of Σ (z − A T)² or of Σ |z − A T|,
+    A the cell's light; refined by parabolas along the two axes ("lines") or by the
     paraboloid through the nine values beside it ("surface").
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. A parabola is not the peak's shape: the reading is
     biased by the place within a pixel.
     """
-    return measured(capture, partial(_correlated, fit=fit), least_sigmas=least_sigmas)
+    return measured(capture, partial(_correlated, fit=fit, metric=metric), least_sigmas=least_sigmas)
 
 
 def _matched(cells: Cells, steps: int) -> Found:
