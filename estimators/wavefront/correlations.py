@@ -127,9 +127,11 @@ def spot_correlation(
     fit: Literal["lines", "surface"] = "lines",
     least_sigmas: float = 5.0,
 ) -> xr.Dataset:
-    """The maximum of Σ z T(x − c) on whole pixels, T the declared spot, or, by `metric`, the minimum of Σ (z − A T)² or of Σ |z − A T|,
-    A the cell's light; refined by parabolas along the two axes ("lines") or by the
-    paraboloid through the nine values beside it ("surface").
+    """The maximum of Σ z T(x − c) on whole pixels, T the declared spot, or, by `metric`, the minimum of Σ (z − A T)² or
+    of Σ |z − A T|, A the cell's light.
+
+    Refined by parabolas along the two axes ("lines") or by the paraboloid through the nine values beside it
+    ("surface").
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. A parabola is not the peak's shape: the reading is
     biased by the place within a pixel.

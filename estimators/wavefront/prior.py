@@ -24,7 +24,6 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.signal import fftconvolve
 
 from ...optics.turbulence.detection import strength_from_slopes
-from ...optics.turbulence.noll import zernike_covariance
 from ...optics.turbulence.slopes import gradient_covariance
 from ...optics.turbulence.strength import kolmogorov_structure
 from ...optics.zernike import zernike
@@ -46,6 +45,8 @@ _MOST = 150
 _WEAKEST = 1e3
 #: Nodes along a lenslet's edge; blocks of a side of the pupil for which the phase's standard error is computed.
 _NODES, _BLOCKS = 8, 24
+#: Share of the prior's variance below which that of the posterior is rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class _Prior:
     """Covariances for r0 = 1 m of one rig and its valid lenslets `used`.
 
     slopes (2n, 2n) [rad²]. table (2, 2·side, 2·side): with φ at a distance of samples from a lenslet. site (n, 2): row and column
-    of a lenslet's centre in samples. modes (mode, 2n), coefficients (mode, mode). blocks (k, 2): samples whose error is computed;
+    of a lenslet's centre in samples. modes (mode, 2n), coefficients (mode): variances. blocks (k, 2): samples whose error is computed;
     at_blocks (k, 2n), spread (k): their covariance with the slopes and variance.
     """
 
@@ -91,14 +92,17 @@ def _prior(rig: DeclaredRig, last: int, valid: bytes) -> _Prior:
     unit = _unit(geometry)
     values = zernike(range(1, last + 1), *(one[mask] for one in unit))
     project = np.linalg.solve(values @ values.T, values)[1:]
-    modes = np.empty((last - 1, 2 * len(used)))
+    lag = np.arange(-side, side) * geometry.step_m
+    kernel = kolmogorov_structure(np.hypot(lag[:, None], lag[None, :]), 1.0)
+    modes, own_modes = np.empty((last - 1, 2 * len(used))), np.empty(last - 1)
     for number, row in enumerate(project):
         image = np.zeros(mask.shape)
         image[mask] = row
         modes[number] = _gathered(image, table, site)
+        # On the same samples as the covariance with the slopes: differences of the two must not be those of the sampling.
+        own_modes[number] = -0.5 * float((image * fftconvolve(image, kernel)[side : 2 * side, side : 2 * side]).sum())
     mean = _gathered(mask / count, table, site)
-    lag = np.arange(-side, side) * geometry.step_m
-    structure = fftconvolve(mask / count, kolmogorov_structure(np.hypot(lag[:, None], lag[None, :]), 1.0))
+    structure = fftconvolve(mask / count, kernel)
     own = structure[side : 2 * side, side : 2 * side]
     blocks = _block_samples(mask)
     row, col = blocks.T
@@ -106,7 +110,7 @@ def _prior(rig: DeclaredRig, last: int, valid: bytes) -> _Prior:
         [one[row[:, None] - site[:, 0] + side, col[:, None] - site[:, 1] + side] for one in table], axis=2
     ).reshape(len(blocks), -1)
     return _Prior(
-        used, slopes, table, site, modes, zernike_covariance(range(2, last + 1), geometry.diameter_m), blocks,
+        used, slopes, table, site, modes, own_modes, blocks,
         at_blocks - mean, own[row, col] - 0.5 * float(own[mask].mean()), mask,
     )  # fmt: skip
 
@@ -215,10 +219,12 @@ def zernike_map(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, r0_m: f
             weight = cho_solve(factor, own[frame][prior.used].ravel())
             coefficient[frame] = q * prior.modes @ weight
             told = q**2 * np.einsum("jl,lj->j", prior.modes, cho_solve(factor, prior.modes.T))
-            sigma[frame] = np.sqrt(np.maximum(q * np.diagonal(prior.coefficients) - told, 0.0))
+            sigma[frame] = np.sqrt(np.maximum(q * prior.coefficients - told, _ROUNDING * q * prior.coefficients))
             phase[frame][prior.mask] = q * _surface(prior, weight)[prior.mask]
             seen = q**2 * np.einsum("kl,lk->k", prior.at_blocks, cho_solve(factor, prior.at_blocks.T))
-            spread[frame][prior.mask] = _spread_out(prior, np.sqrt(np.maximum(q * prior.spread - seen, 0.0)))
+            spread[frame][prior.mask] = _spread_out(
+                prior, np.sqrt(np.maximum(q * prior.spread - seen, _ROUNDING * q * prior.spread))
+            )
     return stage_result(
         "reconstruction", zernike=coefficient, sigma=sigma, valid=np.isfinite(coefficient), phase=phase, sigma_phase=spread,
         valid_phase=np.isfinite(phase),
