@@ -54,8 +54,8 @@ class _Prior:
     """Covariances for r0 = 1 m of one rig and its valid lenslets `used`.
 
     slopes (2n, 2n) [rad²]. table (2, 2·side, 2·side): with φ at a distance of samples from a lenslet. site (n, 2): row and column
-    of a lenslet's centre in samples. modes (mode, 2n), coefficients (mode): variances. blocks (k, 2): samples whose error is computed;
-    at_blocks (k, 2n), spread (k): their covariance with the slopes and variance.
+    of a lenslet's centre in samples. modes (mode, 2n), coefficients (mode): variances. blocks (k, 2): samples whose error is
+    computed; at_blocks (k, 2n), spread (k): their covariance with the slopes and variance.
     """
 
     used: npt.NDArray[np.int64]
