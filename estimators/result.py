@@ -120,6 +120,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
             value=type(result).__name__,
             allowed="xarray.Dataset",
         )
+    measured = _sizes_of_data(capture)
     for key, dims in stage.dims().items():
         if key not in result.variables:
             raise InputError(
@@ -127,7 +128,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
                 allowed=", ".join(stage.dims()),
             )  # fmt: skip
         found = result.variables[key]
-        sizes = {dim: int(capture.sizes.get(dim, result.sizes.get(dim, 0))) for dim in dims}
+        sizes = {dim: int(measured.get(dim, result.sizes.get(dim, 0))) for dim in dims}
         if found.dims != dims or found.shape != tuple(sizes.values()):
             raise InputError(
                 f"Estimator {name} returned {key} with the wrong shape.",
@@ -138,6 +139,16 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
     for quantity in stage.gives:
         _check_values(result, quantity, stage.variables(quantity), name)
     return result.copy(deep=False)
+
+
+def _sizes_of_data(capture: xr.Dataset) -> dict[Any, int]:
+    """Length of every dimension of a capture that its data and coordinates have; those that truth alone has are not known."""
+    return {
+        dim: size
+        for name, held in capture.variables.items()
+        if not str(name).startswith("truth_")
+        for dim, size in zip(held.dims, held.shape, strict=True)
+    }
 
 
 def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name: str) -> None:

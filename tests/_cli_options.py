@@ -133,7 +133,7 @@ fidelity: --resume <flag> default False
 fidelity: --scenes <number> default 60
 fidelity: --seed <number> default 1
 generate: --debug <flag> default False
-generate: --fidelity <{direct,scatter,full,auto}> default None
+generate: --fidelity <{direct,scatter,full,geometric,isolated,coherent,auto}> default None
 generate: --json <flag> default False
 generate: --like <text> default None
 generate: --out -o <text> default None

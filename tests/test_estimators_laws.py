@@ -48,7 +48,7 @@ def test_the_registry_is_not_empty() -> None:
     for name in NAMES:
         found = get_estimator(name)
         assert len(found.cites) > 10 and found.function.__doc__
-    for modality, least in (("gated", 15), ("waveform", 8), ("amcw", 3), ("laser_line", 10)):
+    for modality, least in (("gated", 15), ("waveform", 8), ("amcw", 3), ("laser_line", 10), ("wavefront", 16)):
         assert len(list_estimators(modality)) >= least
 
 

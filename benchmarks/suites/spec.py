@@ -154,7 +154,7 @@ class Suite(Spec):
     calibration: Calibration | None = None
     estimators: Annotated[tuple[str, ...], Field(min_length=1)]
     failure_at: Positive | None = None
-    fidelity: Literal["direct", "scatter", "full", "auto"] = "direct"
+    fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
     limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
 
