@@ -17,7 +17,7 @@ from .maker import Laws
 
 __all__ = ["LAWS", "clean_capture"]
 
-_FRAMES, _ELECTRONS, _BACKGROUND = 48, 2e4, 5.0
+_FRAMES, _ELECTRONS, _BACKGROUND = 48, 1.5e3, 2.0
 #: Greatest Noll index of the wavefront, and how far it moves the spots, rms.
 _MODES, _PIXELS = 6, 0.2
 #: Pixels by which the camera is moved.
@@ -25,7 +25,7 @@ _SHIFT = 2
 
 
 def clean_capture(seed: int = 1) -> xr.Dataset:
-    """48 frames of 4 × 4 lenslets, 20,000 photoelectrons each, moved by .2 px rms by slopes of the modes that are fitted.
+    """48 frames of 4 × 4 lenslets, 1,500 photoelectrons each, moved by .2 px rms by slopes of the modes that are fitted.
 
     A converter of 12 bits, and an offset well above the noise, so that a count of 0 is a dead pixel.
     """
@@ -34,7 +34,7 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
         {
             "rig.lenslets.across": 4, "rig.pupil.diameter_m": 0.75e-3, "rig.pupil.modes": _MODES, "rig.pupil.least_fill": 0.6,
             "rig.pupil.samples": 4, "rig.camera.rows": 48, "rig.camera.cols": 48, "rig.frames.count": _FRAMES,
-            "rig.detector.intensifier": None, "rig.detector.gain_dn_per_e": 0.2, "rig.detector.read_noise_e": 5.0,
+            "rig.detector.intensifier": None, "rig.detector.gain_dn_per_e": 2.0, "rig.detector.read_noise_e": 5.0,
             "rig.detector.dark_current_e_per_s": 0.0,
         },
     )  # fmt: skip

@@ -132,7 +132,7 @@ def _gather(rig: DeclaredRig, rows: int, cols: int) -> _Gather:
     far = min(_CORNER * geometry.pitch_px, half - 0.51)
     corner = inside & (np.abs(y) > far)[:, :, None] & (np.abs(x) > far)[:, None, :]
     there = ((row >= 0) & (row < rows))[:, :, None] & ((col >= 0) & (col < cols))[:, None, :]
-    whole = (there | ~inside).all(axis=(1, 2))
+    whole = np.asarray((there | ~inside).all(axis=(1, 2)))
     return _Gather(np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1), x, y, inside & there, corner & there, whole)
 
 

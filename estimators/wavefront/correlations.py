@@ -76,7 +76,7 @@ def _correlated(cells: Cells, fit: str, metric: str) -> Found:
             / (bend[:, 0] * bend[:, 1] - bend[:, 2] ** 2)[:, None]
         )
     middle = np.stack([col - reach, row - reach], axis=1).astype(np.float64)
-    good = (np.abs(offset) <= 1.0).all(axis=1) & (bend[:, :2] < 0).all(axis=1)
+    good = np.asarray((np.abs(offset) <= 1.0).all(axis=1) & (bend[:, :2] < 0).all(axis=1))
     return Found(middle + offset, _parabola_variance(cells, middle, bend, metric), good)
 
 
@@ -106,8 +106,8 @@ def _parabola_variance(cells: Cells, middle: Float, bend: Float, metric: str) ->
     def slope(row: int, col: int) -> Float:
         spot = ty[:, row, :, None] * tx[:, col, None, :]
         if metric == "product":
-            return spot
-        return 2.0 * light * spot if metric == "square" else np.sign(light * spot - cells.z)
+            return np.asarray(spot)
+        return np.asarray(2.0 * light * spot if metric == "square" else np.sign(light * spot - cells.z))
 
     spread = 0.25 * cells.variance * cells.inside
     vx = (spread * (slope(1, 2) - slope(1, 0)) ** 2).sum(axis=(1, 2))
@@ -156,7 +156,7 @@ def _matched(cells: Cells, steps: int) -> Found:
     spread = cells.variance * cells.inside
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = np.stack([_sum(spread, py**2, gx**2), _sum(spread, gy**2, px**2)], axis=1) / bend**2
-    return Found(c, variance, (bend < 0).all(axis=1) & (np.abs(step) < 1e-4).all(axis=1))
+    return Found(c, variance, np.asarray((bend < 0).all(axis=1) & (np.abs(step) < 1e-4).all(axis=1)))
 
 
 def _unit(cells: Cells, u: Float) -> tuple[Float, Float, Float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +110,7 @@ def spot_ml(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0) 
 def _neighbours(cells: Cells) -> npt.NDArray[np.int64]:
     """(lenslet, k): numbers of the lenslets whose light reaches a cell, −1 where there are fewer."""
     place = cells.geometry.place_px
-    near = cKDTree(place).query_ball_point(place, _REACH * cells.geometry.pitch_px)
+    near: Any = cKDTree(place).query_ball_point(place, _REACH * cells.geometry.pitch_px)
     most = max(len(one) for one in near)
     return np.array(
         [[*(n for n in one if n != own), *([-1] * (most + 1 - len(one)))][:most] for own, one in enumerate(near)]

@@ -81,7 +81,7 @@ def _prior(rig: DeclaredRig, last: int, valid: bytes) -> _Prior:
     place = centre[:, ::-1] / geometry.step_m + 0.5 * (side - 1)
     part = float(np.median(place - np.floor(place)))
     site = np.rint(place - part).astype(np.int64)
-    offset = (np.arange(-side, side) - part) * geometry.step_m
+    offset = np.asarray((np.arange(-side, side) - part) * geometry.step_m, np.float64)
     table = (
         np.stack(
             [_edges(offset[None, :], offset[:, None], geometry), _edges(offset[:, None], offset[None, :], geometry)]
@@ -162,10 +162,14 @@ def _surface(prior: _Prior, weight: Float) -> Float:
 
 
 def _strength(rig: DeclaredRig, geometry: Geometry, own: Float, variance: Float, valid: Bool) -> float:
-    """r0 [m] by maximum likelihood from the frames' slopes, of lenslets valid in all of them; infinite where none shows."""
+    """r0 [m] by maximum likelihood from the frames' slopes, of lenslets valid in all of them; infinite where none shows.
+
+    Where fewer than half of the lenslets are valid throughout it follows from the mean square of all slopes.
+    """
     there = np.flatnonzero(valid.all(axis=0))
-    if there.size < 2:
-        return np.inf
+    if 2 * there.size < valid.shape[1]:
+        square = float(np.mean(own[valid] ** 2 - variance[valid])) / float(_some(rig, (0,))[0, 0])
+        return square ** (-3.0 / 5.0) if square > 0.0 else np.inf
     chosen = tuple(int(i) for i in there[:: max(there.size // _MOST, 1)][:_MOST])
     noise = variance[:, list(chosen)].mean(axis=0).ravel()
     found = strength_from_slopes(own[:, list(chosen)].reshape(len(own), -1), _some(rig, chosen), noise)

@@ -46,7 +46,7 @@ def lattice_of(rig: WavefrontRig, *, every: bool = False) -> Lattice:
     array, pupil, camera = rig.lenslets, rig.pupil, rig.camera
     across, pitch, per = array.across, array.pitch_m, pupil.samples
     step = pitch / per
-    grid = (np.arange(across * per) - 0.5 * (across * per - 1)) * step
+    grid = np.asarray((np.arange(across * per) - 0.5 * (across * per - 1)) * step, np.float64)
     if pupil.shape == "disc":
         mask = np.hypot(grid[:, None], grid[None, :]) <= 0.5 * pupil.diameter_m
     else:
@@ -55,9 +55,9 @@ def lattice_of(rig: WavefrontRig, *, every: bool = False) -> Lattice:
     middle = (np.arange(across) - 0.5 * (across - 1)) * pitch
     clear = np.abs(grid - np.repeat(middle, per)) <= 0.5 * array.fill * pitch
     light = np.ones((across, across), bool)
-    for row, col in array.missing:
-        if row < across and col < across:
-            light[row, col] = False
+    for down, along in array.missing:
+        if down < across and along < across:
+            light[down, along] = False
     opened = clear[:, None] & clear[None, :] & np.repeat(np.repeat(light, per, axis=0), per, axis=1)
     share = mask.reshape(across, per, across, per).mean(axis=(1, 3))
     row, col = np.nonzero((share >= pupil.least_fill) & light)
