@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..captures.layouts import stage_of
-from ..captures.quantities import Quantity, Stage, Variables
+from ..captures.quantities import GREATEST, LEAST, Quantity, Stage, Variables, possible_sigma, possible_value
 from ..scenes.errors import InputError
 
 __all__ = ["check_result", "masked_result", "range_result", "stage_result"]
@@ -27,8 +27,7 @@ def range_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
     Values that are not finite, and ranges that are not positive, are made invalid; invalid elements hold NaN.
     """
     with np.errstate(invalid="ignore"):
-        good = np.asarray(valid, dtype=bool) & np.isfinite(range_m) & np.isfinite(sigma_m)
-        good &= (range_m > 0) & (sigma_m > 0)
+        good = np.asarray(valid, dtype=bool) & possible_value(range_m) & possible_sigma(sigma_m) & (range_m > 0)
     return masked_result(np.where(good, range_m, np.nan), np.where(good, sigma_m, np.nan), good)
 
 
@@ -101,7 +100,7 @@ def _stage_template(word: str, shapes: tuple[tuple[int, ...], ...]) -> xr.Datase
 def _sound(quantity: Quantity, value: Array, sigma: Array) -> Array:
     """Elements all of whose components have a possible value and a standard error above 0."""
     with np.errstate(invalid="ignore"):
-        good: Array = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0)
+        good: Array = possible_value(value) & possible_sigma(sigma)
         if quantity.positive:
             good = good & (value > 0)
     for _ in quantity.components:
@@ -121,6 +120,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
             value=type(result).__name__,
             allowed="xarray.Dataset",
         )
+    measured = _sizes_of_data(capture)
     for key, dims in stage.dims().items():
         if key not in result.variables:
             raise InputError(
@@ -128,7 +128,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
                 allowed=", ".join(stage.dims()),
             )  # fmt: skip
         found = result.variables[key]
-        sizes = {dim: int(capture.sizes.get(dim, result.sizes.get(dim, 0))) for dim in dims}
+        sizes = {dim: int(measured.get(dim, result.sizes.get(dim, 0))) for dim in dims}
         if found.dims != dims or found.shape != tuple(sizes.values()):
             raise InputError(
                 f"Estimator {name} returned {key} with the wrong shape.",
@@ -139,6 +139,16 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
     for quantity in stage.gives:
         _check_values(result, quantity, stage.variables(quantity), name)
     return result.copy(deep=False)
+
+
+def _sizes_of_data(capture: xr.Dataset) -> dict[Any, int]:
+    """Length of every dimension of a capture that its data and coordinates have; those that truth alone has are not known."""
+    return {
+        dim: size
+        for name, held in capture.variables.items()
+        if not str(name).startswith("truth_")
+        for dim, size in zip(held.dims, held.shape, strict=True)
+    }
 
 
 def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name: str) -> None:
@@ -154,17 +164,18 @@ def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name
                 f"Estimator {name} returned {key} that is not floating point.", where=name, value=str(array.dtype),
                 allowed="float32 or float64",
             )  # fmt: skip
-    # A finite sum has no NaN and no infinite term; only otherwise must each element be looked at.
-    if np.isfinite(value.sum() + sigma.sum()) and sigma.min(initial=1.0) > 0:
+    # NaN is in no range; only where one is there must each element be looked at.
+    if value.size and abs(value).max() <= GREATEST and sigma.min() >= LEAST and sigma.max() <= GREATEST:
         return
-    good = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0)
+    with np.errstate(invalid="ignore"):
+        good = possible_value(value) & possible_sigma(sigma)
     for _ in quantity.components:
         good = good.all(axis=-1)
     wrong = valid & ~good
     if wrong.any():
         raise InputError(
             f"Estimator {name} marks {int(wrong.sum())} elements as valid whose {names.value} is not finite, or whose "
-            f"{names.sigma} is not finite and positive.",
+            f"{names.sigma} is not finite and positive, or beyond {GREATEST:g}.",
             where=name,
             allowed="valid=False where there is no estimate",
         )

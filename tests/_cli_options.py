@@ -126,13 +126,14 @@ export: --to <{hdf5}> default 'hdf5'
 export: DATA <text> required
 fidelity: --debug <flag> default False
 fidelity: --json <flag> default False
+fidelity: --modality <text> default None
 fidelity: --out -o <text> default None
 fidelity: --overwrite <flag> default False
 fidelity: --resume <flag> default False
 fidelity: --scenes <number> default 60
 fidelity: --seed <number> default 1
 generate: --debug <flag> default False
-generate: --fidelity <{direct,scatter,full,auto}> default None
+generate: --fidelity <{direct,scatter,full,geometric,isolated,coherent,auto}> default None
 generate: --json <flag> default False
 generate: --like <text> default None
 generate: --out -o <text> default None

@@ -22,6 +22,7 @@ from beambench.benchmarks.reproduce import (
     pixel_patch,
     ranger,
     reflection,
+    roughness,
     stacks,
     table_1,
     tank,
@@ -285,7 +286,7 @@ def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> N
         covered = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "000"}
     with (project / "docs" / "coverage.csv").open(newline="", encoding="utf-8") as file:
         other = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "001"}
-    for item in (*pixel_patch.ITEMS, *tank.ITEMS):
+    for item in (*pixel_patch.ITEMS, *tank.ITEMS, *roughness.ITEMS):
         assert other[item] == weakest(r.verdict for r in done.rows if r.item == item), item
     wanted = [f"Eq. {n}" for n in range(1, 26)] + [f"Figure {n}" for n in range(1, 10)] + ["Table 1"]
     wanted = [item for item in wanted if covered[item] != "nothing-to-compute"]
@@ -313,7 +314,7 @@ def test_the_files(done: Any) -> None:
     assert tuple(table.columns) == COLUMNS
     assert set(table["verdict"]) == set(VERDICTS) - {"predicted"}
     assert table["document"].isin(["000", "001"]).all()
-    others = {triangular.ITEM, *pixel_patch.ITEMS, *tank.ITEMS}
+    others = {triangular.ITEM, *pixel_patch.ITEMS, *tank.ITEMS, *roughness.ITEMS}
     assert set(table["item"][~table["item"].isin(ITEMS)]) == others == set(OTHERS)
     assert table["reproduced"].notna().all()
     assert set(table["published"].dropna()) == {
@@ -330,6 +331,9 @@ def test_the_files(done: Any) -> None:
         2.0,
         4.0,
         *(r for data_set in SETS for r in (data_set.target_range_m, data_set.corner_range_m)),
+        50.0,
+        157.0,
+        210.0,
     }  # as printed, and no others
     parquet = pd.read_parquet(done.out / "reproduction.parquet")
     assert list(parquet.columns) == list(COLUMNS) and len(parquet) == len(table)

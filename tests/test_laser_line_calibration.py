@@ -70,8 +70,8 @@ def _corners(turn_deg: float, square_px: float, middle: tuple[float, float]) -> 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 17.0, 75.0, 200.0])
 def test_corners_of_a_drawn_board(turn_deg: float) -> None:
-    """Without noise within .01 px: a tenth of a pixel of the drawing's grid errs by .03/√(edge's points) there. A window or an order
-    that is wrong gives whole squares. Either end of the board may come first."""
+    """Without noise within .01 px: the drawing's grid of a tenth of a pixel errs by .03/√(edge's points). A window or an order that
+    is wrong gives whole squares. Either end of the board may come first."""
     middle = (118.3, 131.7)
     image = _drawn(turn_deg, 20.0, middle, 0.7, (240, 260))
     seen = find_board(image, Board(6, 9, 0.02), blur_px=1.0, radius_px=5.0)
@@ -143,6 +143,7 @@ def _deviation(found: dict[str, object], true: Scene) -> Float:
     return np.array([by[name] for name in names])
 
 
+@pytest.mark.slow
 def test_calibrations_err_as_their_covariance_says(small: None) -> None:
     """eᵀC⁻¹e of 6 calibrations with 11 parameters each is χ² of 66 degrees; two-sided at 1e-3. A covariance that is too small
     or a bias of one standard error in each parameter fails."""

@@ -126,7 +126,7 @@ def found_lines(
     scene = load_scene("laser-stereo15", dict(overrides or {}))
     counts = np.maximum(light - median_filter(light, (1, width_px)) + _OFFSET_DN, 1.0).astype(np.float32)
     capture = make_capture(
-        "laser_line", {"counts": counts[None]},
+        scene.modality, {"counts": counts[None]},
         {"time": [0.0], "laser_on": True, "valid": True, "pose": np.zeros((1, 6))}, {},
         {"rig": declared_rig(scene), "truth_kind": "none", "averaged": True},
     )  # fmt: skip
@@ -148,12 +148,15 @@ def seen_lines(row: Float, col: Float, *, most_px: float = 5.0, least: int = 100
     piles = [np.histogram(col - k * (row - middle), edges)[0] for k in slopes]
     best = int(np.argmax([(pile.astype(float) ** 2).sum() for pile in piles]))
     upright = col - slopes[best] * (row - middle)
-    pile, made = piles[best].copy(), []
+    pile = piles[best].copy()
+    made: list[tuple[Float, Float]] = []
     while len(made) < LINES:
         top = int(pile.argmax())
         near = np.abs(upright - 0.5 * (edges[top] + edges[top + 1])) < most_px
         if pile[top] < least:
-            raise InputError("Too few lines are found.", where="seen_lines", value=len(made), allowed=f"{LINES} lines")
+            raise InputError(
+                "The image shows too few lines.", where="seen_lines", value=len(made), allowed=f"{LINES} lines"
+            )
         pile[max(top - 4, 0) : top + 5] = 0
         rest = col[near] - np.polyval(np.polyfit(row[near], col[near], 2), row[near])
         kept = np.abs(rest) < 3.0 * 1.4826 * np.median(np.abs(rest))

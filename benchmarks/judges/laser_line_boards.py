@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ...estimators.laser_line.board import Board, SeenBoard
 from ...estimators.laser_line.board_pose import BoardPose
-from ...estimators.laser_line.bundle import View, adjust
+from ...estimators.laser_line.bundle import View, adjust, flat_port
 from ...estimators.laser_line.calibrate import with_calibration
 from ...estimators.laser_line.declared import CALIBRATED
 from ...estimators.laser_line.geometry import declared_geometry
@@ -89,7 +89,7 @@ def _view(
             corners = SeenBoard(seen + noise[0] * rng.standard_normal(seen.shape), np.full(seen.shape, noise[0]))
             at, column = line
             spread = np.full(at.size, noise[1])
-            return View(corners, camera.port, at, column + spread * rng.standard_normal(at.size), spread)
+            return View(corners, flat_port(camera.port), at, column + spread * rng.standard_normal(at.size), spread)
     raise InputError(
         "No pose of a board shows its corners and the laser's line: the instrument cannot be calibrated in this way.",
         where="calibration", value=f"{_TRIALS} random poses about {distance:.3g} m before the camera",

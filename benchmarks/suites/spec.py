@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ...scenes.base import Positive, Spec
 from ...scenes.errors import InputError
@@ -115,6 +115,10 @@ class Calibration(Spec):
     line_sigma_px: Positive | None = None
     seed: Seed = 0
 
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in handler(self).items() if value is not None}
+
     def of(self, name: str) -> float:
         """A value that a calibration needs. Raises InputError where the suite does not state it."""
         value: float | None = getattr(self, name)
@@ -150,7 +154,7 @@ class Suite(Spec):
     calibration: Calibration | None = None
     estimators: Annotated[tuple[str, ...], Field(min_length=1)]
     failure_at: Positive | None = None
-    fidelity: Literal["direct", "scatter", "full", "auto"] = "direct"
+    fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
     limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
 

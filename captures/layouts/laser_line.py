@@ -26,6 +26,11 @@ _LASER_LINE = (
         "truth_background", "frame", REAL, "electron", "ambient, dark and scattered electrons of a pixel",
         required=False, also=(("frame", "row", "col"),),
     ),
+    truth(
+        "truth_standard_error", "frame row col", REAL, "electron", "standard error of the path-traced light", required=False
+    ),
+    truth("truth_slope", "survey", REAL, "1", "slope of the surface's power spectrum along profiles", required=False),
+    truth("truth_level", "survey", REAL, "dB", "its density at 10 cycles/m, relative to 1 m³", required=False),
     *camera_extras("frame row col"),
 )  # fmt: skip
 
@@ -34,6 +39,9 @@ _POINT = Quantity(
     "point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the camera frame", (1e3, "mm"),
     components=("xyz",),
 )  # fmt: skip
+#: One number for all frames of a capture.
+_SLOPE = Quantity("slope", "1", ("survey",), "slope of the power spectrum, S ~ f^-slope")
+_LEVEL = Quantity("level", "dB", ("survey",), "density of the power spectrum at 10 cycles/m, relative to 1 m³")
 
 LAYOUT = Layout(
     name="laser_line",
@@ -44,6 +52,7 @@ LAYOUT = Layout(
     stages=(
         Stage("line", "line", "laser_line", (CAPTURE,), (_COLUMN,)),
         Stage("triangulation", "triangulation", "laser_line", ("column", "rig"), (_POINT,)),
+        Stage("spectrum", "spectrum", "laser_line", ("point", "rig"), (_SLOPE, _LEVEL)),
     ),
     finite=("time",),
 )

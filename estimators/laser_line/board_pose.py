@@ -61,9 +61,11 @@ def board_pose(camera: Pinhole, points: Float, seen: SeenBoard) -> BoardPose:
     nearest = float(start.of(points)[2].min())
     if nearest <= 1.05 * depth:
         start = BoardPose(start.turn, start.place + np.array([0.0, 0.0, 1.1 * depth - nearest]))
-    fit = least_squares(
-        lambda by: corner_misses(camera, start.moved(by), points, seen), np.zeros(6), x_scale="jac", method="lm"
-    )
+
+    def misses(by: Float) -> Float:
+        return corner_misses(camera, start.moved(by), points, seen)
+
+    fit = least_squares(misses, np.zeros(6), x_scale="jac", method="lm")
     pose = start.moved(fit.x)
     if not np.isfinite(fit.cost) or np.abs(fit.fun).max() >= 1e6:
         raise InputError(

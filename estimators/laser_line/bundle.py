@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from ...optics.dome import DomePort
 from ...optics.pinhole import Pinhole
 from ...optics.port import FlatPort
 from ...optics.sheet import Sheet, meeting
@@ -26,7 +27,7 @@ from .board_pose import BoardPose, board_pose
 from .deviations import STEPS, deviated
 from .geometry import Geometry
 
-__all__ = ["Adjusted", "View", "adjust"]
+__all__ = ["Adjusted", "View", "adjust", "flat_port"]
 
 Float = npt.NDArray[np.float64]
 
@@ -98,15 +99,25 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
     corner_px = np.concatenate([view.corners.sigma.ravel() for view in problem.views]) * problem.corner_scale
     line_px = np.concatenate([view.sigma for view in problem.views]) * problem.line_scale
     port = next((view.port for view in reversed(problem.views) if view.port is not None), None)
-    geometry = problem.geometry
-    if port is not None and geometry.camera.port is not None:
-        port = replace(port, stand_off_m=geometry.camera.port.stand_off_m)
+    geometry, held = problem.geometry, flat_port(problem.geometry.camera.port)
+    if port is not None and held is not None:
+        port = replace(port, stand_off_m=held.stand_off_m)
         geometry = replace(geometry, camera=replace(geometry.camera, port=port))
     return Adjusted(
         geometry, names, covariance, problem.poses, float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
         float(np.sqrt((line**2).mean()) * np.median(line_px)) if line.size else 0.0, problem.corner_scale,
         problem.line_scale, corner.size // 2, line.size,
     )  # fmt: skip
+
+
+def flat_port(port: FlatPort | DomePort | None) -> FlatPort | None:
+    """The flat window of a rig, None for a camera in the medium itself. Raises InputError for a dome."""
+    if port is not None and not isinstance(port, FlatPort):
+        raise InputError(
+            "A camera behind a dome cannot be calibrated.", where="rig: port.kind", value="dome", allowed="flat, none",
+            next_step="declare the dome's place and radii as measured, and calibrate the camera in air",
+        )  # fmt: skip
+    return port
 
 
 def _checked(views: Sequence[View], names: tuple[str, ...]) -> tuple[str, ...]:
@@ -121,13 +132,13 @@ def _checked(views: Sequence[View], names: tuple[str, ...]) -> tuple[str, ...]:
     plane = [name for name in names if name.startswith("turn_") or name == "shift_m"]
     if plane and sum(view.row.size for view in views) < 8:
         raise InputError(
-            "The laser's plane cannot be found: no view shows the line on the board's plane.", where="views",
+            "The laser's plane cannot be calibrated: no view shows the line on the board's plane.", where="views",
             value=sum(view.row.size for view in views), allowed="8 points of the line or more",
             next_step="leave the plane out of the free parameters, or take frames with the laser on",
         )  # fmt: skip
     if "stand_off_m" in names and all(view.port is None for view in views):
         raise InputError(
-            "The stand-off cannot be found: no view looks through a port.", where="views", value="port.kind none",
+            "The stand-off cannot be calibrated: no view looks through a port.", where="views", value="port.kind none",
             allowed="a view through a flat port", next_step="leave stand_off_m out of the free parameters",
         )  # fmt: skip
     return names
@@ -135,7 +146,7 @@ def _checked(views: Sequence[View], names: tuple[str, ...]) -> tuple[str, ...]:
 
 def _camera(geometry: Geometry, view: View) -> Pinhole:
     """The camera of a view: the window is that of the view, at the stand-off of the geometry."""
-    held = geometry.camera.port
+    held = flat_port(geometry.camera.port)
     port = view.port if view.port is None or held is None else replace(view.port, stand_off_m=held.stand_off_m)
     return replace(geometry.camera, port=port)
 

@@ -19,7 +19,7 @@ from ..registry import run_estimator
 from ..rig import read_rig
 from .board import Board, find_board
 from .board_pose import board_pose
-from .bundle import Adjusted, View, adjust
+from .bundle import Adjusted, View, adjust, flat_port
 from .declared import CALIBRATED
 from .geometry import declared_geometry
 
@@ -76,7 +76,8 @@ def board_view(
     image = np.asarray(counts.values[off if off.size else on], np.float64).mean(axis=0)
     seen = find_board(image, board, blur_px=blur_px, radius_px=radius_px)
     empty = np.zeros(0)
-    view = View(seen, geometry.camera.port, empty, empty, empty)
+    window = flat_port(geometry.camera.port)
+    view = View(seen, window, empty, empty, empty)
     if not on.size:
         return view
     light = np.asarray(counts.values[on], np.float64).mean(axis=0)
@@ -87,7 +88,7 @@ def board_view(
     x, y, _ = pose.turn.T @ (origin + along * direction - pose.place[:, None])
     chosen = np.flatnonzero(board.blank(x, y))
     chosen = chosen[:: max(int(np.ceil(chosen.size / _MOST_POINTS)), 1)]
-    return View(seen, geometry.camera.port, row[chosen], col[chosen], sigma[chosen])
+    return View(seen, window, row[chosen], col[chosen], sigma[chosen])
 
 
 def _line(capture: xr.Dataset, light: Float, dark: Float | None, finder: str) -> tuple[Float, Float, Float]:
@@ -135,8 +136,9 @@ def with_calibration(rig: str, found: Adjusted) -> str:
         "focal_length_m": camera.focal_px * values["camera"]["pixel_pitch_m"], "principal_row_px": camera.row0,
         "principal_col_px": camera.col0, "distortion": list(camera.distortion),
     }  # fmt: skip
-    if camera.port is not None and values["port"]["kind"] == "flat":
-        values["port"]["stand_off_m"] = camera.port.stand_off_m
+    window = flat_port(camera.port)
+    if window is not None and values["port"]["kind"] == "flat":
+        values["port"]["stand_off_m"] = window.stand_off_m
     values["laser"] |= {
         "position_m": sheet.source.tolist(),
         "normal": sheet.normal.tolist(),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from ...optics.port import FlatPort
 from ...optics.rotation import turned_by
 from .geometry import Geometry
 
@@ -43,7 +44,7 @@ def deviated(geometry: Geometry, by: Mapping[str, float]) -> Geometry:
     camera, sheet = geometry.camera, geometry.sheet
     brown = np.array(camera.distortion) + [by.get(name, 0.0) for name in ("k1", "k2", "p1", "p2", "k3")]
     port = camera.port
-    if port is not None:
+    if isinstance(port, FlatPort):
         port = replace(port, stand_off_m=port.stand_off_m + by.get("stand_off_m", 0.0))
     k1, k2, p1, p2, k3 = brown.tolist()
     camera = replace(

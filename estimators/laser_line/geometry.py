@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from ...optics.dome import DomePort
 from ...optics.pinhole import Pinhole
 from ...optics.port import FlatPort
 from ...optics.sheet import Sheet, meeting
@@ -94,7 +95,12 @@ def _geometry(rig: DeclaredRig, port: str) -> Geometry:
         (k1, k2, p1, p2, k3),
         _window(rig) if port != "none" else None,
     )
-    if port == "pinhole" and camera.port is not None:
+    if port == "pinhole" and isinstance(camera.port, DomePort):
+        raise InputError(
+            "A dome is no port at the pinhole: this estimator takes flat ports only.", where="attribute rig: port.kind",
+            value="dome", allowed="none, flat", next_step="use triangulate-refractive",
+        )  # fmt: skip
+    if port == "pinhole" and isinstance(camera.port, FlatPort):
         camera = replace(camera, port=replace(camera.port, stand_off_m=0.0, thickness_m=0.0))
     normal, axis = (rig.numbers(f"laser.{name}", length=3) for name in ("normal", "axis"))
     sheet = Sheet(
@@ -106,9 +112,17 @@ def _geometry(rig: DeclaredRig, port: str) -> Geometry:
     return Geometry(camera, sheet, lens, rig.whole("camera.rows"), rig.whole("camera.cols"))
 
 
-def _window(rig: DeclaredRig) -> FlatPort | None:
-    if rig.word("port.kind", "none", "flat") == "none":
+def _window(rig: DeclaredRig) -> FlatPort | DomePort | None:
+    kind = rig.word("port.kind", "none", "flat", "dome")
+    if kind == "none":
         return None
+    if kind == "dome":
+        x, y, z = rig.numbers("port.center_m", length=3).tolist()
+        return DomePort(
+            (x, y, z), rig.number("port.radius_m", above=0), rig.number("port.thickness_m", least=0),
+            rig.number("port.inside_index", least=1), rig.number("port.glass_index", least=1),
+            rig.number("medium.phase_index", least=1),
+        )  # fmt: skip
     return FlatPort(
         rig.number("port.stand_off_m", least=0), rig.number("port.thickness_m", least=0),
         rig.number("port.inside_index", least=1), rig.number("port.glass_index", least=1),

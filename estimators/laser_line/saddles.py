@@ -120,7 +120,7 @@ def _windows(image: Float, place: Float, half: int) -> tuple[Float, npt.NDArray[
     row = np.clip(at[:, 0, None, None] + reach[:, None], 0, image.shape[0] - 1)
     col = np.clip(at[:, 1, None, None] + reach, 0, image.shape[1] - 1)
     window = np.asarray(image[row, col], np.float64).reshape(len(place), -1)
-    return window, inside & np.isfinite(window).all(axis=1)
+    return window, np.asarray(inside & np.isfinite(window).all(axis=1))
 
 
 def _fit(z: Float, half: int, steps: int, offset: Float) -> tuple[Float, Float, npt.NDArray[np.bool_]]:

@@ -74,5 +74,8 @@ def _uncalibrated(geometry: Geometry, rig: DeclaredRig, without: tuple[str, ...]
         step = STEPS[names[k]]
         ahead, behind = (deviated(geometry, {names[k]: sign * step}).points(row, col) for sign in (1.0, -1.0))
         slopes.append((ahead - behind) / (2.0 * step))
+    if not own:
+        return np.zeros(())
     slope = np.stack(slopes)
-    return np.maximum(np.einsum("kc...,kl,lc...->c...", slope, covariance[np.ix_(own, own)], slope), 0.0)
+    variance = np.einsum("kc...,kl,lc...->c...", slope, covariance[np.ix_(own, own)], slope)
+    return np.asarray(np.maximum(variance, 0.0))

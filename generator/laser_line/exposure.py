@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,11 +12,9 @@ from numpy.typing import NDArray
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
 from ...scenes.rigs.laser_line_exposure import AutoExposure
 from ...scenes.scene import Scene
-from ..detector import detect, fixed_pattern
 from ..model import Expected
-from ..request import Request
 
-__all__ = ["control", "exposed", "read_exposed"]
+__all__ = ["control", "exposed", "frame_settings"]
 
 Float = NDArray[np.float64]
 
@@ -87,7 +86,7 @@ def exposed(scene: Scene, expected: Expected[Any]) -> Expected[Any]:
     lit = expected.electrons[: rig.frames.lit]
     factor, gain = control(rig, lit.reshape(len(lit), -1).max(axis=1).astype(np.float64) + dark)
     truth = dict(expected.truth)
-    for name in ("truth_amplitude", "truth_background", "truth_electrons"):
+    for name in ("truth_amplitude", "truth_background", "truth_electrons", "truth_standard_error"):
         if name in truth:
             scale = factor.reshape(-1, *[1] * (truth[name].ndim - 1))
             truth[name] = (truth[name] * scale).astype(truth[name].dtype)
@@ -96,17 +95,10 @@ def exposed(scene: Scene, expected: Expected[Any]) -> Expected[Any]:
     return replace(expected, electrons=electrons, coords=coords, truth=truth)
 
 
-def read_exposed(scene: Scene, expected: Expected[Any], request: Request) -> NDArray[np.uint16]:
-    """Counts of the detector with the exposure and gain of every frame."""
-    rig = laser_line_rig(scene)
-    pattern = fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols)
-    factor, gain = expected.coords["exposure"] / rig.detector.exposure_s, expected.coords["gain"]
-    return detect(
-        expected.electrons,
-        rig.detector,
-        pattern,
-        request.seed,
-        request.capture_key,
-        exposure_factor=factor,
-        gain_factor=gain,
-    )
+def frame_settings(rig: LaserLineRig, coords: Mapping[str, Any]) -> dict[str, Float]:
+    """What the detector is told of the frames' own exposure and gain; nothing where they are the declared ones."""
+    if rig.auto_exposure is None:
+        return {}
+    return {
+        "exposure_factor": np.asarray(coords["exposure"]) / rig.detector.exposure_s, "gain_factor": np.asarray(coords["gain"]),
+    }  # fmt: skip

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.scene import Scene
 from ..choice import Choice
 from ..effect import Effect
@@ -24,7 +23,7 @@ __all__ = ["MODEL"]
 def _choose(scene: Scene, request: Request) -> Choice:
     from .choose import choose
 
-    return choose(scene, request.rtol)
+    return choose(scene, request.rtol, request.seed, request.capture_key)
 
 
 def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
@@ -36,10 +35,7 @@ def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
 
 def _read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDArray[Any]:
     from .expected import read
-    from .exposure import read_exposed
 
-    if laser_line_rig(scene).auto_exposure is not None:
-        return read_exposed(scene, expected, request)
     return read(scene, expected, request)
 
 
@@ -51,7 +47,7 @@ def _effects(scene: Scene, expected: Expected[FrameLight], rung: str) -> list[Ef
 
 MODEL: Model[FrameLight] = Model(
     "laser_line",
-    rungs=("direct", "scatter"),
+    rungs=("direct", "scatter", "full"),
     expect=_expect,
     read=_read,
     effects=_effects,

@@ -17,8 +17,9 @@ from ..medium_index import medium_data
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
 from .laser_line_exposure import check_exposure
-from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_sheet, sheet_data
+from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_lens, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
+from .laser_line_view import check_port, check_view
 from .parts import Illumination
 
 __all__ = ["KIND", "LaserLineRig", "laser_line_rig"]
@@ -57,6 +58,7 @@ def _check(scene: RigScene) -> None:
     check_exposure(rig.auto_exposure, rig.detector, scene.name)
     index = float(medium_data(scene.medium, rig.wavelength_m)["phase_index"])
     sheet, camera = line_sheet(rig, index), line_camera(rig, index)
+    check_port(rig, camera, scene.name)
     apart = abs(float(sheet.normal @ sheet.source))
     if apart < _LEAST_BASELINE_M:
         raise InputError(
@@ -74,10 +76,13 @@ def _check(scene: RigScene) -> None:
             allowed="an index outside and a lens that let the whole field through",
             next_step="narrow the field, or check inside_index, glass_index and the distortion",
         )  # fmt: skip
+    check_view(rig, camera, sheet, scene.name)
+    line_lens(rig, camera, sheet, scene.name)
     if rig.camera.focus_distance_m is not None:
         raise InputError(
-            "Defocus is not modelled for laser-line cameras.", where=f"{scene.name}: rig.camera.focus_distance_m",
-            value=rig.camera.focus_distance_m, next_step="leave it out: all is sharp then",
+            "The focus of a laser-line camera is stated with its other effects.",
+            where=f"{scene.name}: rig.camera.focus_distance_m", value=rig.camera.focus_distance_m,
+            next_step="give rig.effects.focus.distance_m, or leave it out: all is sharp then",
         )  # fmt: skip
     depth = camera.port.depth_m if camera.port is not None else 0.0
     if rig.laser.position_m[2] < 0 and depth > 0:

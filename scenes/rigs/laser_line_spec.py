@@ -9,6 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
+from .laser_line_effects import LineEffects
 from .laser_line_exposure import AutoExposure
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
 from .parts import Camera, Detector, pixel_collected_m2_sr
@@ -18,7 +19,7 @@ __all__ = ["LaserLineRig"]
 _Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
 #: Absent options are left out of the data.
 _OPTIONAL = (
-    "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s", "auto_exposure",
+    "effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s", "auto_exposure",
 )  # fmt: skip
 
 
@@ -27,7 +28,7 @@ class LaserLineRig(RigSpec):
 
     `lens_sigma_px`: the lens's point spread, a Gaussian (1 σ). `principal_offset_px`: (row, col) of the principal point from the
     array's centre. `motion_m_per_s`, `turn_rad_per_s`: velocity and rate of turn of the whole rig, in the frame of time 0; each
-    frame is taken at once.
+    frame is taken at once, unless `effects` have poses within an exposure.
     Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`: the rate is
     then that of a camera in the medium, and `laser_line_geometry.ambient_e_per_s` that behind the port.
     `even_light_e_per_s`: photoelectrons per second that a pixel on the axis collects from a white surface near the camera, under
@@ -44,6 +45,7 @@ class LaserLineRig(RigSpec):
     laser: SheetLaser
     detector: Detector
     frames: Frames
+    effects: LineEffects | None = None
     ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
     even_light_e_per_s: Rate | None = None
