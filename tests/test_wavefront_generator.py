@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 
 from beambench.generator.generate import generate
 from beambench.generator.random import Stage
+from beambench.generator.wavefront.choose import predicted
 from beambench.generator.wavefront.field import Pupils
 from beambench.generator.wavefront.light import pedestal
+from beambench.generator.wavefront.spots import spot_image
 from beambench.generator.wavefront.truth import Projector
 from beambench.optics.lenslets.gradients import mean_gradients, square
 from beambench.scenes.declared import declared_rig
@@ -223,3 +226,51 @@ def test_an_impossible_rung_is_refused() -> None:
     with pytest.raises(InputError, match="not built"):
         generate(scene, seed=1, fidelity="direct")
     assert np.isfinite(generate(scene, seed=1, fidelity="geometric")["truth_slope"]).all()
+
+
+def _error_of(seed: int) -> tuple[dict[str, float], dict[str, float], float]:
+    """(predicted error of each rung, that of the scene's own image, a limit) of a random strength of turbulence."""
+    rng = np.random.default_rng(seed)
+    layer = {"range_m": 3.0, "r0_m": float(10 ** rng.uniform(-3.3, -1.5))}
+    change = {
+        **SMALL,
+        "rig.turbulence": {"kind": "layers", "layers": [layer]},
+        "rig.lenslets.across": 8,
+        "rig.frames.count": 1,
+    }
+    scene = load_scene("gated-turbulence", change)
+    rig = wavefront_rig(scene)
+    phase = Pupils(rig, lattice_of(rig), seed, 1).phase(0, 4.0)
+    lit = lattice_of(rig, every=True)
+    image = {rung: spot_image(rig, lit, np.exp(1j * phase), 1.0, rung) for rung in RUNGS}
+    whole = float(np.sqrt((image["coherent"] ** 2).sum()))
+    own = {rung: float(np.sqrt(((image[rung] - image["coherent"]) ** 2).sum())) / whole for rung in RUNGS}
+    return predicted(scene), own, float(10 ** rng.uniform(-2, -0.5))
+
+
+def _verdicts(seeds: range) -> tuple[float, float]:
+    """(share of scenes whose chosen rung is within the limit, share where it is the cheapest that is)."""
+    within, cheapest = [], []
+    for seed in seeds:
+        guess, own, limit = _error_of(seed)
+        rung = next(rung for rung in RUNGS if guess[rung] <= limit)
+        within.append(own[rung] <= limit)
+        cheapest.append(rung == next(rung for rung in RUNGS if own[rung] <= limit))
+    return float(np.mean(within)), float(np.mean(cheapest))
+
+
+def test_auto_takes_the_cheapest_rung_that_passes() -> None:
+    within, cheapest = _verdicts(range(6))
+    assert within >= 0.8 and cheapest >= 0.6
+    scene = load_scene("gated-turbulence", SMALL)
+    capture = generate(scene, seed=1, fidelity="auto", rtol=1e-4)
+    assert json.loads(capture.attrs["fidelity"])["rung"] == "coherent"
+    with pytest.raises(InputError, match="turned against"):
+        generate(load_scene("gated-turbulence", {**SMALL, "rig.lenslets.rotation_deg": 10.0}), seed=1, fidelity="auto")
+
+
+@pytest.mark.slow
+def test_auto_is_right_in_forty_scenes() -> None:
+    """Within the limit in 95 % and the cheapest that is in 80 % of scenes."""
+    within, cheapest = _verdicts(range(100, 140))
+    assert within >= 0.95 and cheapest >= 0.8

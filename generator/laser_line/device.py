@@ -53,12 +53,12 @@ class DeviceSheet:
 
         whole = float(erf(np.sqrt(2.0) * 0.5 * np.pi / half))
         peak = float(sheet.fan_density(0.0))
+        normal, along, axis = (mi.Vector3f(*(opaque(float(v)) for v in frame[:, k])) for k in range(3))
         return DeviceSheet(
-            mi.Point3f(*(opaque(float(v)) for v in source)),
-            *(mi.Vector3f(*(opaque(float(v)) for v in frame[:, k])) for k in range(3)),
-            *(opaque(v) for v in (sheet.waist_m, sheet.waist_at_m, sheet.divergence_rad, half, peak, whole)),
-            sheet.fan_profile,
-        )
+            source=mi.Point3f(*(opaque(float(v)) for v in source)), normal=normal, along=along, axis=axis,
+            waist=opaque(sheet.waist_m), waist_at=opaque(sheet.waist_at_m), divergence=opaque(sheet.divergence_rad),
+            half=opaque(half), scale=opaque(peak), whole=opaque(whole), profile=sheet.fan_profile,
+        )  # fmt: skip
 
     def density(self, phi: Any) -> Any:
         """p(φ) [1/rad]."""
@@ -114,7 +114,9 @@ class Turns:
         mi = mitsuba()
         low, high = self._at(least), self._at(dr.maximum(most, least))
         wanted = low + uniform * (high - low)
-        cell = dr.binary_search(0, _CELLS - 1, lambda i: dr.gather(mi.Float, self.sums, i + 1) < wanted)
+        cell: Any = dr.binary_search(  # type: ignore[no-untyped-call]
+            0, _CELLS - 1, lambda i: dr.gather(mi.Float, self.sums, i + 1) < wanted
+        )
         cell = dr.minimum(mi.UInt32(cell), _CELLS - 1)
         begin = dr.gather(mi.Float, self.sums, cell)
         step = dr.maximum(dr.gather(mi.Float, self.sums, cell + 1) - begin, 1e-12)
@@ -164,13 +166,13 @@ class LineWorld:
         straight = 0.0 if phase is None else medium.scattering_per_m * straight_share(phase, least)
         scattering = medium.scattering_per_m - straight
         return LineWorld(
-            path_geometry(scene) if geometry is None else geometry,
-            DeviceSheet.of(setting, pose),
-            None if phase is None else PhaseCells.of(phase, least),
-            *(
-                opaque(v)
-                for v in (medium.absorption_per_m + scattering, medium.absorption_per_m, scattering, reached_m)
-            ),
-            None if phase is None else Turns.of(phase, least),
-            straight,
+            geometry=path_geometry(scene) if geometry is None else geometry,
+            sheet=DeviceSheet.of(setting, pose),
+            phase=None if phase is None else PhaseCells.of(phase, least),
+            attenuation=opaque(medium.absorption_per_m + scattering),
+            absorption=opaque(medium.absorption_per_m),
+            scattering=opaque(scattering),
+            reached=opaque(reached_m),
+            turns=None if phase is None else Turns.of(phase, least),
+            straight=straight,
         )
