@@ -7,8 +7,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from beambench.benchmarks.checks.along_line import rise_rows, step_answer
 from beambench.benchmarks.checks.line_accuracy import line_errors
+from beambench.benchmarks.peers.along_line import rise_rows, step_answer
 from beambench.benchmarks.peers.line_finders import CHAIN, against_argmax, against_peers, exponents
 
 

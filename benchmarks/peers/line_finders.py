@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ..checks.along_line import rise_rows
 from ..written.laser_line import written_capture
+from .along_line import rise_rows
 from .line_peers import PEERS
 
 __all__ = ["against_argmax", "against_peers", "exponents", "frame_of", "least_times"]
