@@ -51,7 +51,7 @@ def _differences(cells: Cells, power: int) -> Float:
 
 
 def _light(cells: Cells) -> Float:
-    return np.maximum(cells.z.sum(axis=(1, 2)), 1e-9)
+    return np.asarray(np.maximum(cells.z.sum(axis=(1, 2)), 1e-9))
 
 
 def _correlated(cells: Cells, fit: str, metric: str) -> Found:
