@@ -28,6 +28,7 @@ class Stage(IntEnum):
     DSNU = 8
     PATHS = 9
     PULSES = 10  # mean jitter of the pulses of a slice or record
+    SPECKLE = 11
     SCREEN = 20  # turbulence; a block is a frame and a layer
 
 

@@ -108,6 +108,7 @@ estimators new: --debug <flag> default False
 estimators new: --json <flag> default False
 estimators new: --out -o <text> default None
 estimators new: --overwrite <flag> default False
+estimators new: --stage <text> default None
 estimators new: NAME <text> required
 estimators train: --data <text...> required
 estimators train: --debug <flag> default False
@@ -125,6 +126,7 @@ export: --to <{hdf5}> default 'hdf5'
 export: DATA <text> required
 fidelity: --debug <flag> default False
 fidelity: --json <flag> default False
+fidelity: --modality <text> default None
 fidelity: --out -o <text> default None
 fidelity: --overwrite <flag> default False
 fidelity: --resume <flag> default False

@@ -30,7 +30,7 @@ from beambench.optics.turbulence.strength import (
     rytov_variance,
     together_m,
 )
-from beambench.optics.zernike import zernike
+from beambench.optics.zernike import noll_of, zernike
 
 from .test_optics_zernike import _disk
 
@@ -213,6 +213,21 @@ def test_covariance_against_the_structure_function() -> None:
     assert np.abs(got - want).max() < 2e-5
     assert want[5, 0] == 0 and want[6, 0] < 0  # x tilt with y coma, with x coma
     assert piston_removed_variance(1.0) == pytest.approx(0.5 * weight @ d @ weight, rel=1e-4)
+
+
+def test_two_kinds_of_tilt() -> None:
+    """Mean gradient (G) and best plane (Z) over a round pupil: .170 and .182 (λ/D)² (D/r₀)^{5/3} rad² per axis. G by Noll's
+    covariance of all modes with |m| = 1 and, sharing nothing with it, by D around the pupil's edge; they agree to 1e-4."""
+    modes = [noll_of(n, 1) for n in range(1, 400, 2)]
+    c = zernike_covariance(modes, 1.0)
+    weight = np.array([np.sqrt(2.0 * (n + 1)) for n in range(1, 400, 2)])
+    g = 4.0 * (weight @ c @ weight) / (4 * np.pi**2)  # gradient per radius to slope in λ/D: 2/(2π)
+    z = 16.0 * c[0, 0] / (4 * np.pi**2)
+    edge = quad(lambda a: np.cos(a) * FRIED * np.sin(0.5 * a) ** (5 / 3), 0, 2 * np.pi, epsabs=1e-12)[0]
+    around = -4.0 * edge / (2 * np.pi) / (4 * np.pi**2)
+    assert g == pytest.approx(around, rel=1e-4)
+    assert g == pytest.approx(0.170, abs=5e-4) and z == pytest.approx(0.182, abs=5e-4)
+    assert z / g == pytest.approx(1.07, abs=5e-3)
 
 
 def test_residuals_of_screens() -> None:

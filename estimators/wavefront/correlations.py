@@ -47,11 +47,11 @@ def _differences(cells: Cells, power: int) -> Float:
         for j in range(shifts.size):
             rest = cells.z - light * ty[:, i, :, None] * tx[:, j, None, :]
             score[:, i, j] = -((np.abs(rest) ** power) * cells.inside).sum(axis=(1, 2))
-    return score
+    return np.asarray(score, np.float64)
 
 
 def _light(cells: Cells) -> Float:
-    return np.asarray(np.maximum(cells.z.sum(axis=(1, 2)), 1e-9))
+    return np.asarray(np.maximum(cells.z.sum(axis=(1, 2)), 1e-9), np.float64)
 
 
 def _correlated(cells: Cells, fit: str, metric: str) -> Found:

@@ -23,7 +23,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq, minimize_scalar, nnls
 from scipy.special import chdtri
 
-__all__ = ["Strength", "layer_strengths", "range_weights", "strength_from_slopes", "without_common_tilt"]
+__all__ = [
+    "Strength",
+    "increment_strength",
+    "layer_strengths",
+    "range_weights",
+    "strength_from_slopes",
+    "without_common_tilt",
+]
 
 Float = NDArray[np.float64]
 
@@ -81,6 +88,32 @@ def strength_from_slopes(slopes: ArrayLike, unit: ArrayLike, noise: ArrayLike, *
     value = np.maximum(value, 0.0)
     energy = ((np.linalg.solve(lower, s.T).T @ vector) ** 2).sum(axis=0)
     return _maximum(value, energy, len(s), level)
+
+
+def increment_strength(
+    near: ArrayLike, far: ArrayLike, unit: ArrayLike, noise_near: ArrayLike, noise_far: ArrayLike
+) -> tuple[float, float]:
+    """(Δq, its standard error) [m^{−5/3}]: the strength that slopes gain from one gate to the next, by their covariances.
+
+    Δq = ⟨tr C (s_f s_fᵀ − N_f − s_n s_nᵀ + N_n)⟩/tr C², least squares of the increment of the covariance on C. The error is
+    the scatter of the frames' own differences, so that turbulence which both gates see may be the same in both (which lowers it).
+
+    Main arguments:
+        near, far (frames, values): slopes of both gates, frame by frame. unit (values, values): C for r₀ = 1 m. noise_near,
+        noise_far:
+            variances of the noise, one or (values).
+
+    Raises ValueError for shapes that do not fit or fewer than two frames.
+    """
+    a, b = np.atleast_2d(np.asarray(near, np.float64)), np.atleast_2d(np.asarray(far, np.float64))
+    c = np.asarray(unit, np.float64)
+    if a.shape != b.shape or c.shape != (a.shape[1],) * 2 or len(a) < 2:
+        raise ValueError(f"near and far (2 or more frames, values) must fit unit: {a.shape}, {b.shape}, {c.shape}.")
+    offset = float((c.diagonal() * (np.asarray(noise_far, np.float64) - np.asarray(noise_near, np.float64))).sum())
+    each = (
+        np.einsum("fi,ij,fj->f", b, c, b, optimize=True) - np.einsum("fi,ij,fj->f", a, c, a, optimize=True) - offset
+    ) / (c**2).sum()
+    return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
 
 
 def without_common_tilt(lenslets: int) -> Float:

@@ -149,9 +149,10 @@ def _torus(
 ) -> tuple[Float, tuple[int, int], float]:
     """Roots of the eigenvalues of the covariance summed over a torus of at least this size, its size, and the clipped share."""
     period = (next_fast_len(least[0], real=True), next_fast_len(least[1], real=True))
-    total = np.zeros(period)
+    # A quarter of the torus holds all values.
+    total = np.zeros((period[0] // 2 + 1, period[1] // 2 + 1))
     images = [int(np.ceil(support_m / spacing_m / n)) for n in period]
-    axis = [np.minimum(np.arange(n), n - np.arange(n)) for n in period]
+    axis = [np.arange(n // 2 + 1) for n in period]
     for i in range(-images[0], images[0] + 1):
         y = (axis[0] + i * period[0]) * spacing_m
         if np.abs(y).min() > support_m:
@@ -163,7 +164,8 @@ def _torus(
             distance = np.hypot(y[:, None], x[None, :])
             near = distance <= support_m
             total[near] += covariance(distance[near])
-    power = rfft2(total).real
+    fold = [np.minimum(np.arange(n), n - np.arange(n)) for n in period]
+    power = rfft2(total[fold[0]][:, fold[1]]).real
     whole = float(np.abs(power).sum())
     clipped = float(np.maximum(-power, 0.0).sum() / whole) if whole > 0 else 0.0
     return np.sqrt(np.maximum(power, 0.0)), period, clipped

@@ -18,7 +18,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gamma, gammaln
+from scipy.special import gamma, gammaln, gammasgn
 
 from ..zernike import orders_of
 from .strength import FRIED, positive
@@ -40,11 +40,12 @@ def zernike_covariance(noll: Iterable[int], diameter_over_r0: float) -> Float:
     factor = gamma(14.0 / 3.0) * (FRIED / 2.0) * gamma(11.0 / 6.0) ** 2 / (2.0 ** (8.0 / 3.0) * np.pi)
     n, m = (np.array(column) for column in zip(*orders, strict=True))
     a, b = n[:, None], n[None, :]
-    # Γ((n − n' + 17/3)/2) may be negative for far orders: gamma keeps its sign, gammaln the large ones their digits.
+    # Γ((n − n' + 17/3)/2) may be negative for far orders, and both overflow: logarithms, and the signs apart.
     size = gammaln(0.5 * (a + b - 5.0 / 3.0)) - gammaln(0.5 * (a + b + 23.0 / 3.0))
-    apart = gamma(0.5 * (a - b + 17.0 / 3.0)) * gamma(0.5 * (b - a + 17.0 / 3.0))
+    one, other = 0.5 * (a - b + 17.0 / 3.0), 0.5 * (b - a + 17.0 / 3.0)
     sign = (-1.0) ** ((a + b - 2 * np.abs(m)[:, None]) // 2)
-    value = factor * scale * sign * np.sqrt((a + 1.0) * (b + 1.0)) * np.exp(size) / apart
+    sign = sign * gammasgn(one) * gammasgn(other)
+    value = factor * scale * sign * np.sqrt((a + 1.0) * (b + 1.0)) * np.exp(size - gammaln(one) - gammaln(other))
     return np.where(m[:, None] == m[None, :], value, 0.0)
 
 

@@ -52,7 +52,7 @@ def lattice_of(rig: WavefrontRig, *, every: bool = False) -> Lattice:
     else:
         inside = np.abs(grid) <= 0.5 * pupil.diameter_m
         mask = inside[:, None] & inside[None, :]
-    middle = np.asarray((np.arange(across) - 0.5 * (across - 1)) * pitch, np.float64)
+    middle: Float = np.asarray((np.arange(across) - 0.5 * (across - 1)) * pitch, np.float64)
     clear = np.abs(grid - np.repeat(middle, per)) <= 0.5 * array.fill * pitch
     light = np.ones((across, across), bool)
     for down, along in array.missing:
