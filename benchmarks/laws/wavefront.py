@@ -19,13 +19,13 @@ __all__ = ["LAWS", "clean_capture"]
 
 _FRAMES, _ELECTRONS, _BACKGROUND = 48, 1.5e3, 2.0
 #: Greatest Noll index of the wavefront, and how far it moves the spots, rms.
-_MODES, _PIXELS = 6, 0.2
+_MODES, _PIXELS = 6, 0.1
 #: Pixels by which the camera is moved.
 _SHIFT = 2
 
 
 def clean_capture(seed: int = 1) -> xr.Dataset:
-    """48 frames of 4 × 4 lenslets, 1,500 photoelectrons each, moved by .2 px rms by slopes of the modes that are fitted.
+    """48 frames of 4 × 4 lenslets, 1,500 photoelectrons each, moved by .1 px rms by slopes of the modes that are fitted.
 
     A converter of 12 bits, and an offset well above the noise, so that a count of 0 is a dead pixel.
     """
