@@ -35,7 +35,7 @@ def surface_density_factor(slope: float, rms_m: float, outer_m: float, inner_m: 
 
     rms² = ∫ Ψ 2πk dk = 2πB (outer^(γ−1) − inner^(γ−1))/(γ − 1).
     """
-    return rms_m**2 * (slope - 1.0) / (2.0 * np.pi * (outer_m ** (slope - 1.0) - inner_m ** (slope - 1.0)))
+    return float(rms_m**2 * (slope - 1.0) / (2.0 * np.pi * (outer_m ** (slope - 1.0) - inner_m ** (slope - 1.0))))
 
 
 def profile_density(f: npt.ArrayLike, slope: float, rms_m: float, outer_m: float, inner_m: float) -> Float:

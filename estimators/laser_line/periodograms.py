@@ -56,7 +56,7 @@ def document_spectra(profiles: Resampled, taper: Float) -> Spectra:
     wave = np.fft.rfft(taper * detrended(profiles.height), axis=1)[:, 1:]
     length = n * profiles.interval_m
     power = np.abs(profiles.interval_m * wave) ** 2 / length
-    return Spectra(np.fft.rfftfreq(n, profiles.interval_m)[1:], power, _spread(taper))
+    return Spectra(np.asarray(np.fft.rfftfreq(n, profiles.interval_m)[1:], np.float64), power, _spread(taper))
 
 
 def tapered_spectra(profiles: Resampled, tapers: Float) -> Spectra:
@@ -70,7 +70,9 @@ def tapered_spectra(profiles: Resampled, tapers: Float) -> Spectra:
     if n % 2 == 0:
         power[:, -1] *= 0.5  # the Nyquist frequency is its own mirror image
     return Spectra(
-        np.fft.rfftfreq(n, profiles.interval_m)[1 : n // 2 + 1], power, _spread(np.sqrt((unit**2).mean(axis=0)))
+        np.asarray(np.fft.rfftfreq(n, profiles.interval_m)[1 : n // 2 + 1], np.float64),
+        power,
+        _spread(np.sqrt((unit**2).mean(axis=0))),
     )
 
 
