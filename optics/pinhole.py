@@ -1,4 +1,4 @@
-"""A pinhole camera with lens distortion and an optional flat port: pixel to ray, and point to pixel, exact both ways.
+"""A pinhole camera with lens distortion and an optional port, flat or a dome: pixel to ray, and point to pixel, exact both ways.
 
     pixel (row, col) -> distorted slopes ((col − c₀)/F, (row − r₀)/F) -> slopes (x, y) -> ray, F the focal length in pixels.
 
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .dome import DomePort, slope_through_dome, through_dome
 from .port import FlatPort, slope_toward, through_port
 
 __all__ = ["Pinhole", "distorted", "undistorted"]
@@ -38,7 +39,7 @@ class Pinhole:
     row0: float
     col0: float
     distortion: Brown = (0.0, 0.0, 0.0, 0.0, 0.0)
-    port: FlatPort | None = None
+    port: FlatPort | DomePort | None = None
 
     def rays(self, row: ArrayLike, col: ArrayLike) -> tuple[Float, Float]:
         """(origin [m], unit direction), each (3, …), of the rays in the medium through pixel coordinates (…).
@@ -46,6 +47,8 @@ class Pinhole:
         Without a port all origins are the entrance pupil, (0, 0, 0). NaN where distortion or the port let no ray through.
         """
         x, y = self.slopes(row, col)
+        if isinstance(self.port, DomePort):
+            return through_dome(x, y, self.port)
         if self.port is not None:
             return through_port(x, y, self.port)
         inverse = 1.0 / np.sqrt(x * x + y * y + 1.0)
@@ -57,10 +60,21 @@ class Pinhole:
         x, y = (at_col - self.col0) / self.focal_px, (at_row - self.row0) / self.focal_px
         return undistorted(x, y, self.distortion) if any(self.distortion) else (x, y)
 
+    @property
+    def narrowing(self) -> float:
+        """Angle inside the port over that in the medium of rays near the axis: how much narrower a pixel sees; 1 without a port."""
+        if isinstance(self.port, DomePort):
+            step = 1e-4
+            (_, low), (_, high) = (through_dome(sign * step, 0.0, self.port) for sign in (-1.0, 1.0))
+            return float(2.0 * step / np.linalg.norm(high - low))
+        return 1.0 if self.port is None else self.port.outside / self.port.inside
+
     def project(self, point: ArrayLike) -> tuple[Float, Float]:
         """(row, col) [px] at which a `point` (3, …) [m] is seen; NaN where it is not before the camera or its port."""
         at = np.asarray(point, np.float64)
-        if self.port is not None:
+        if isinstance(self.port, DomePort):
+            x, y = slope_through_dome(at, self.port)
+        elif self.port is not None:
             x, y = slope_toward(at, self.port)
         else:
             depth = np.where(at[2] > 0, at[2], np.nan)

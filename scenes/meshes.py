@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
+from .npz import read_npy, read_npz
 from .readers.mesh_file import read_mesh_file
 from .readers.surface import Surface
 from .relief import relief_heights
@@ -118,17 +119,17 @@ def read_array(name: str, where: str) -> NDArray[np.float64]:
         InputError: not such a file, or smaller than 2 × 2.
     """
     path = resolve_file(name, where)
+    grid: NDArray[Any] | None
     try:
         with open(path, "rb") as stream:
-            loaded: Any = np.load(stream, allow_pickle=False)
-            if isinstance(loaded, np.lib.npyio.NpzFile):
-                arrays = [loaded[key] for key in loaded.files]
-                arrays = [a for a in arrays if a.ndim == 2]
-                grid = arrays[0] if len(arrays) == 1 else None
-            else:
-                grid = loaded
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds on a damaged file
-        raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error}") from error
+            zipped = stream.read(4) == b"PK\x03\x04"
+    except OSError as error:
+        raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error.strerror}") from error
+    if zipped:
+        arrays = [a for a in read_npz(path, "The grid file", where=where).values() if a.ndim == 2]
+        grid = arrays[0] if len(arrays) == 1 else None
+    else:
+        grid = read_npy(path, "The grid file", where=where)
     if grid is None or grid.ndim != 2 or min(grid.shape) < 2 or not np.issubdtype(grid.dtype, np.number):
         raise InputError(
             "The file does not hold a grid of numbers.", where=where, value=name, allowed="one 2-D array, ≥ 2×2"

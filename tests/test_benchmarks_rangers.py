@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import norm
 
 from beambench.benchmarks.bounds.amcw import amcw_bound
 from beambench.benchmarks.bounds.profiled import profiled_sigma
@@ -40,6 +41,61 @@ def test_bound_of_a_dense_gaussian_record_is_its_closed_form() -> None:
     # Sampling at σ/9 costs (Δ/σ)²/12 = 1e-3; rounding to a quarter electron costs little more.
     np.testing.assert_allclose(bound.sigma, exact, rtol=5e-3)
     assert bound.kind == "exact" and bound.scale == pytest.approx(C_M_PER_S * sigma_t / (2 * index), rel=2e-3)
+
+
+#: Steps of 4.6 σ of the echo, no noise but that of the light, a wall that the shots scan.
+COARSE = {
+    "rig.laser.energy_fluctuation": 0.0, "rig.record.shots": 16, "rig.ambient_e_per_s": 1.0e9, "rig.detector.dark_e_per_s": 0.0,
+    "rig.record.step_s": 2e-9, "rig.record.samples": 16, "rig.detector.readout.read_noise_e": 0.0,
+    "rig.detector.readout.gain_dn_per_e": 4.0, "rig.detector.readout.adc_bits": 16,
+}  # fmt: skip
+
+
+def _coarse_bound(place: np.ndarray, light: float, level: float, step: float, sigma: float) -> float:
+    """Bound on the place [in the unit of `place`] of a Gaussian whose samples at `place` (relative to it) each hold its integral
+    over one step: Poisson counts, height and level unknown."""
+    low, high = (place - step / 2) / sigma, (place + step / 2) / sigma
+    share = norm.cdf(high) - norm.cdf(low)
+    slope = (norm.pdf(low) - norm.pdf(high)) / sigma
+    gradient = np.stack([light * slope, share, np.ones_like(share)])
+    return float(np.sqrt(np.linalg.inv((gradient / (light * share + level)) @ gradient.T)[0, 0]))
+
+
+def test_bound_of_a_coarse_record_is_that_of_its_integrals_over_the_steps() -> None:
+    # The bound depends by a factor of 1.7 on where in a step the echo falls, which half a step would turn round.
+    capture = generate(load_scene("counter", COARSE), seed=1)
+    bound = waveform_bound(capture)
+    index = json.loads(capture.attrs["rig"])["medium"]["group_index"]
+    sigma = float(np.hypot(1e-9 / 2.3548, 3e-10 / 2.5631))
+    time, half = capture["time"].values, C_M_PER_S / (2 * index)
+    expected = np.array([
+        half * _coarse_bound(time - truth / half, light, 1e9 * 2e-9, 2e-9, sigma)
+        for truth, light in zip(capture["truth_range"].values, capture["truth_amplitude"].values, strict=True)
+    ])  # fmt: skip
+    assert expected.max() > 1.5 * expected.min()
+    # Rounding to a quarter electron, and an echo stretched by the wall's slope across the beam.
+    np.testing.assert_allclose(bound.sigma, expected, rtol=0.01)
+
+
+def test_a_declared_zero_of_time_does_not_move_the_bound_of_a_record() -> None:
+    true = waveform_bound(generate(load_scene("counter", COARSE), seed=1)).sigma
+    told = generate(load_scene("counter", COARSE | {"declared": {"t0_s": 5e-10}}), seed=1)
+    assert json.loads(told.attrs["rig"])["t0_s"] == 5e-10
+    np.testing.assert_allclose(waveform_bound(told).sigma, true, rtol=1e-6)
+
+
+def test_bound_of_rare_photons_is_that_of_poisson_counts_of_all_pulses() -> None:
+    # Far below one count a pulse there is no pile-up: cσ_t/(2n√N), N the photoelectrons of all 2,000 pulses.
+    scene = load_scene("single-photon", {"rig.record.shots": 3, "rig.record.scan_half_angle_rad": 0.0, "rig.ambient_e_per_s": 0.0,
+                                         "rig.detector.dark_e_per_s": 1.0, "rig.laser.pulse_energy_j": 2e-16})  # fmt: skip
+    capture = generate(scene, seed=1)
+    light = capture["truth_amplitude"].values
+    assert (light > 1).all() and (light / 2000 < 0.02).all()
+    sigma_t = np.sqrt((0.5e-9 / 2.3548) ** 2 + 0.05e-9**2 + (120e-12 / 2.5631) ** 2)
+    index = json.loads(capture.attrs["rig"])["medium"]["group_index"]
+    exact = C_M_PER_S * sigma_t / (2 * index * np.sqrt(light))
+    # Dead bins hide up to N/2,000 of the light; steps of .45 σ cost (Δ/σ)²/24.
+    np.testing.assert_allclose(waveform_bound(capture).sigma, exact, rtol=0.03)
 
 
 def test_bounds_against_a_numerical_likelihood() -> None:
@@ -83,6 +139,8 @@ def test_an_amcw_bound_is_phase_noise_in_the_shot_limit() -> None:
     range_sigma = np.sqrt(variance) * C_M_PER_S / index / 2e8 / (4 * np.pi)
     bound = amcw_bound(capture)
     assert bound.sigma[0] == pytest.approx(range_sigma, rel=0.04) and bound.sigma[0] < range_sigma
+    # Phases repeat every half wave of 200 MHz, .75 m in air: a range drawn evenly over that errs by its length / √12.
+    assert bound.scale == pytest.approx(C_M_PER_S / index / 2e8 / 2 / np.sqrt(12), rel=1e-6)
 
 
 def test_no_light_means_no_information() -> None:
@@ -95,7 +153,7 @@ def test_dispatch_knows_what_it_scores() -> None:
     capture = generate(load_scene("amcw", {"rig.shots": 3}), seed=1)
     np.testing.assert_array_equal(bound_of(capture).sigma, amcw_bound(capture).sigma)
     with pytest.raises(InputError, match="does not score"):
-        bound_of(example_capture("wavefront"))
+        bound_of(example_capture("amcw").assign_attrs(modality="unknown"))
 
 
 def test_a_calibrated_response_comes_from_a_noisy_record_of_the_true_one() -> None:

@@ -17,6 +17,7 @@ import pytest
 
 from beambench.captures import CaptureWriter, finalize, open_captures, repair, verify, write
 from beambench.captures.example import example_capture
+from beambench.captures.store.journal import MARK_LINE
 from beambench.scenes.errors import InputError
 
 
@@ -44,7 +45,7 @@ def killed_writer(path: Path, at_least: int) -> None:
     journal = path.with_name(path.name + ".partial") / "journal.jsonl"
     deadline = time.monotonic() + 60
     try:
-        while not (journal.exists() and journal.read_bytes().count(b"\n") > at_least):
+        while not (journal.exists() and journal.read_bytes().count(b"\n") > at_least + 1):
             assert time.monotonic() < deadline and process.poll() is None
             time.sleep(0.01)
     finally:
@@ -80,12 +81,13 @@ def test_resume_continues_after_a_kill(tmp_path: Path) -> None:
     assert [c.attrs["seed"] for c in open_captures(path)] == list(range(start + 2)) and verify(path) == []
 
 
-@pytest.mark.parametrize("state", ["absent", "empty", "torn header"])
+@pytest.mark.parametrize("state", ["absent", "empty", "torn mark", "mark only"])
 def test_resume_begins_where_nothing_is_complete(tmp_path: Path, state: str) -> None:
     partial = tmp_path / "store.partial"
     if state != "absent":
         partial.mkdir()
-        (partial / "journal.jsonl").write_text("" if state == "empty" else "0123 {")
+        length = {"empty": 0, "torn mark": 40, "mark only": len(MARK_LINE)}[state]
+        (partial / "journal.jsonl").write_bytes(MARK_LINE[:length])
     write(tmp_path / "store", example_capture("amcw"), resume=True)
     assert len(open_captures(tmp_path / "store")) == 1 and os.listdir(tmp_path) == ["store"]
 

@@ -68,6 +68,33 @@ def test_none_beats_the_exact_bound_without_a_bias(name: str) -> None:
     assert efficiency <= 1.08 or bias > 0.1 * np.sqrt(np.mean(error**2)), (name, efficiency)
 
 
+def test_parabola_reads_the_vertex_of_a_parabola_between_uneven_delays() -> None:
+    rig = GaussianRig(slices=9)
+    counts = rig.electrons(np.full((1, 40), rig.delay_s[4] + rig.centre_s), 1e4, 0.0)
+    place = np.linspace(-0.6, 0.6, 40) * 1e-9
+    delay = rig.delay_s.copy()
+    delay[5:] += 0.35e-9  # steps of .25 ns before the brightest slice, of .60 ns behind it
+    near = delay[3:6] - delay[4]
+    vertex = 0.15 * place
+    counts[3:6, 0] = 2e4 - 1e4 * ((near[:, None] - vertex) / 1e-9) ** 2
+    capture = stack_capture(rig, counts.astype(np.float32)).assign_coords(delay=delay)
+    found = run_estimator("parabola", capture)
+    # Float32 samples, and the delay of R's maximum from its samples.
+    expected = (delay[4] + vertex + rig.centre_s) * HALF_C
+    assert found["valid"].values.all()
+    np.testing.assert_allclose(found["range"].values[0], expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("name", ["peak", "parabola", "log-gaussian"])
+def test_a_range_is_that_of_the_delay_and_the_place_of_the_greatest_response(name: str) -> None:
+    # An echo exactly at a slice's delay: R is greatest u₀ = .5 ns after it, 75 mm of range.
+    rig = GaussianRig()
+    counts = rig.electrons(np.full((2, 2), rig.delay_s[30] + rig.centre_s), 1e4, 0.0).astype(np.float32)
+    found = run_estimator(name, stack_capture(rig, counts))["range"].values
+    np.testing.assert_allclose(found, (rig.delay_s[30] + rig.centre_s) * HALF_C, atol=1e-4)
+    assert rig.centre_s * HALF_C > 0.07
+
+
 def test_log_gaussian_is_exact_for_a_gaussian_response() -> None:
     rig = GaussianRig()
     tau = np.linspace(rig.delay_s[16], rig.delay_s[-16], 600).reshape(20, 30) + rig.centre_s

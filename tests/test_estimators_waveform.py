@@ -13,6 +13,8 @@ import xarray as xr
 from beambench.benchmarks.bounds.waveform import waveform_bound
 from beambench.captures.hide import hide_truth
 from beambench.estimators import get_estimator, list_estimators, run_estimator
+from beambench.estimators.rig import read_rig
+from beambench.estimators.waveform.analog import read_analog
 from beambench.generator.generate import generate
 from beambench.optics.constants import C_M_PER_S
 from beambench.scenes.errors import InputError
@@ -142,6 +144,17 @@ def test_pile_up_pulls_early_and_coates_undoes_it() -> None:
     assert raw.mean() < -0.015
     assert abs(corrected.mean()) < 4 * sigma.mean() / 20
     assert np.std(corrected / sigma) == pytest.approx(1.0, abs=4 / np.sqrt(800))
+
+
+def test_the_stated_variance_of_dark_samples_is_that_of_the_samples_behind_a_multiplier() -> None:
+    # 40 × 128 dark samples: their variance has a standard error of 2 %. The multiplier's gain divides the electronic noise.
+    tube = {"gain": 20.0, "excess_noise_factor": 2.5}
+    dark = made("counter", {"rig.laser.pulse_energy_j": 1e-20, "rig.ambient_e_per_s": 0.0, "rig.detector.dark_e_per_s": 1.0,
+                            "rig.detector.readout.avalanche": tube, "rig.record.shots": 40})  # fmt: skip
+    raw = dark["signal"].values
+    read = read_analog(read_rig(hide_truth(dark)), raw, np.ones(40, bool))
+    assert read.floor_var == pytest.approx((3.0**2 + 1 / 12) / 20.0**2, rel=1e-6) and read.excess == 2.5
+    assert np.var(read.z) == pytest.approx(read.floor_var, rel=5 * np.sqrt(2 / raw.size))
 
 
 @pytest.mark.parametrize("scene", ["counter", "photodetector-5m"])

@@ -132,21 +132,22 @@ def test_rungs_nest_and_say_what_they_leave_out() -> None:
 
 def test_auto_takes_the_cheapest_rung_that_passes() -> None:
     scene = _water(
-        **{"medium.scattering_per_m": 0.05, "medium.absorption_per_m": 0.05, "medium.phase_function.g": 0.98}
-    )
+        **{
+            "medium.scattering_per_m": 0.05, "medium.absorption_per_m": 0.05, "medium.phase_function.g": 0.98,
+            "rig.camera.rows": 24, "rig.camera.cols": 64, "rig.camera.pixel_pitch_m": 3 * 57.8125e-6,
+        }
+    )  # fmt: skip
     rungs = {}
     for rtol in (0.3, 1e-2):
         chosen = json.loads(generate(scene, seed=1, fidelity="auto", rtol=rtol).attrs["fidelity"])
         rungs[rtol] = chosen["rung"]
         assert chosen["chosen"]["predicted_error"][chosen["rung"]] <= rtol
     assert rungs == {0.3: "direct", 1e-2: "scatter"}
-    with pytest.raises(InputError, match="leaves out light"):
-        generate(scene, seed=1, fidelity="auto", rtol=1e-6)
 
 
 def test_scattered_light_needs_the_phase_function() -> None:
     scene = load_scene("spotscan-wall", {"medium.scattering_per_m": 0.1})
     with pytest.raises(InputError, match="phase function"):
         generate(scene, seed=1, fidelity="scatter")
-    with pytest.raises(InputError, match="unknown amount"):
+    with pytest.raises(InputError, match="phase function"):
         generate(scene, seed=1, fidelity="auto", rtol=0.5)

@@ -47,6 +47,7 @@ FIDELITY = command(
     progress=lines,
     examples="""Examples:
   beambench fidelity
+  beambench fidelity --modality laser_line --scenes 30
   beambench fidelity --scenes 60 --seed 7 -o ladder
   beambench fidelity --scenes 60 --seed 7 -o ladder --resume""",
 )

@@ -12,6 +12,7 @@ def fidelity(
     *,
     scenes: int = 60,
     seed: int = 1,
+    modality: str | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     resume: bool = False,
@@ -27,6 +28,7 @@ def fidelity(
     Main arguments:
         scenes: Number of scenes.
         seed: Random seed of the scenes.
+        modality: Whose rungs to measure, on its own family of scenes; the family above by default.
     Other arguments:
         out: Folder of the results; ./beambench-runs/fidelity-<time> by default.
         overwrite: Replace an earlier measurement, once the new one is complete.
@@ -39,7 +41,8 @@ def fidelity(
         every scene) and fidelity.svg.
 
     Raises:
-        InputError: No scene, a negative seed, an output that exists, or a measurement with another seed to continue.
+        InputError: No scene, a negative seed, an output that exists, a modality without such a
+            family, or a measurement with another seed to continue.
     """
     from ..benchmarks.fidelity.run import run_fidelity
     from ..scenes.errors import InputError
@@ -48,4 +51,9 @@ def fidelity(
         raise InputError("At least one scene is needed.", where="scenes", value=scenes, allowed="1, 2, 3, …")
     if seed < 0:
         raise InputError("A random seed is not negative.", where="seed", value=seed, allowed="0, 1, 2, …")
-    return run_fidelity(scenes, seed, out, progress, resume=resume, overwrite=overwrite)
+    bench = None
+    if modality is not None:
+        from ..benchmarks.fidelity.bench import bench_of
+
+        bench = bench_of(modality)
+    return run_fidelity(scenes, seed, out, progress, resume=resume, overwrite=overwrite, bench=bench)

@@ -49,9 +49,9 @@ _LEAST_M = 1e-12
 def laser_line_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     """The bounds of `column` [px] and `point` [m] of a generated capture.
 
-    `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU), where the rig moves, where scattered light varies along the row,
-    where a row has several returns, whose light may overlap, or only a part of a line, and where a line is slanted; "none"
-    without true scene and amplitude. Raises InputError for an invalid true scene.
+    `kind` is "exact"; "quasi" where pixels differ (PRNU, DSNU, speckle, blooming), where the rig moves, where scattered light
+    varies along the row, where a row has several returns, whose light may overlap, or only a part of a line, and where a line is
+    slanted; "none" without true scene and amplitude. Raises InputError for an invalid true scene.
     """
     if not bounded(capture, "truth_amplitude", "truth_width", "truth_background"):
         return _none(capture)
@@ -106,7 +106,9 @@ def _levels(capture: xr.Dataset, truth: Float, rig: LaserLineRig) -> Float:
 
 def _plain(rig: LaserLineRig) -> bool:
     still = not any(rig.motion_m_per_s or ()) and not any(rig.turn_rad_per_s or ())
-    return still and rig.detector.prnu == 0 and rig.detector.dsnu_e == 0
+    still = still and rig.auto_exposure is None
+    drawn = rig.effects is not None and (rig.effects.speckle_looks is not None or rig.effects.blooming is not None)
+    return still and not drawn and rig.detector.prnu == 0 and rig.detector.dsnu_e == 0
 
 
 def _whole(column: Float, width: Float) -> bool:

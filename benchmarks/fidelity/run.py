@@ -23,6 +23,7 @@ from ..folders.files import write_json, write_text
 from ..folders.kinds import FIDELITY
 from ..folders.workplace import output_folder, workplace
 from ..scores.tables import to_csv
+from .bench import Bench
 from .chart import write_chart
 from .family import family
 from .measure import measure_scene
@@ -41,12 +42,13 @@ _STATE = "fidelity-scenes.json"
 
 def run_fidelity(
     scenes: int = 60, seed: int = 1, out: str | Path | None = None, progress: Callable[[str], None] | None = None,
-    *, resume: bool = False, overwrite: bool = False,
+    *, resume: bool = False, overwrite: bool = False, bench: Bench | None = None,
 ) -> Path:  # fmt: skip
     """Measure a family of scenes; the folder, with fidelity.csv, policies.csv, fidelity.json and fidelity.svg.
 
     Tables are written after every scene, so that `resume` continues after the last complete one. With `overwrite` an
     earlier measurement in `out` is replaced when the new one is complete; until then the new one is in `out`/unfinished.
+    `bench`: the scenes and their measurement; those of this folder by default.
 
     Raises:
         InputError: `resume` of a measurement of other scenes, or a folder that cannot be written.
@@ -57,7 +59,7 @@ def run_fidelity(
         _state(held, seed)
 
     with workplace(folder, FIDELITY, resume=resume, overwrite=overwrite, check=check) as work:
-        _measure(work, scenes, seed, progress, resume)
+        _measure(work, scenes, seed, progress, resume, bench or Bench(family, measure_scene))
     return folder
 
 
@@ -84,18 +86,20 @@ def _state(folder: Path, seed: int) -> tuple[list[dict[str, Any]], list[dict[str
     return rows, told
 
 
-def _measure(folder: Path, scenes: int, seed: int, progress: Callable[[str], None] | None, resume: bool) -> None:
+def _measure(
+    folder: Path, scenes: int, seed: int, progress: Callable[[str], None] | None, resume: bool, bench: Bench
+) -> None:
     """Measure the scenes that are not yet in the folder, and write its files."""
     rows, told = _state(folder, seed) if resume else ([], [])
     done = {t["scene"] for t in told}
     say = progress or (lambda line: None)
     with tempfile.TemporaryDirectory() as meshes:
-        drawn = family(seed, scenes, Path(meshes))
+        drawn = bench.family(seed, scenes, Path(meshes))
         for number, scene in enumerate(drawn):
             if scene.name in done:
                 continue
             begin = time.monotonic()
-            found, references = measure_scene(scene, seed)
+            found, references = bench.measure(scene, seed)
             rows += found
             told.append(references)
             write_text(folder / "fidelity.csv", to_csv(rows, COLUMNS))

@@ -38,6 +38,7 @@ class Judge:
             they are tried alone.
         laws: "module:object" of the record `benchmarks.laws.maker.Laws`, with which estimators are checked; "" if the
             modality has no laws.
+        rungs: "module:object" of the record `benchmarks.fidelity.bench.Bench`, with which the choice between rungs is measured.
     """
 
     truth: Callable[[xr.Dataset], Mapping[str, Truth]]
@@ -48,3 +49,4 @@ class Judge:
     calibrate: Callable[[Scene, dict[str, Any], Calibration, Draw], dict[str, Any]] | None = None
     feeders: Mapping[str, str] = field(default_factory=dict)
     laws: str = ""
+    rungs: str = ""

@@ -11,6 +11,7 @@ from ..bounds.laser_line import laser_line_bounds
 from ..bounds.laser_line_roughness import roughness_bounds
 from ..scores.truth import Truth
 from .judge import Judge
+from .laser_line_boards import board_calibration
 
 __all__ = ["JUDGE"]
 
@@ -25,8 +26,10 @@ def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
 JUDGE = Judge(
     truth=_truth,
     bound=lambda capture: {**laser_line_bounds(capture), **roughness_bounds(capture)},
+    calibrate=board_calibration,
     neighbours=("line-ml", "line-log-gaussian", "line-centroid"),
     scenes=("spotscan-wall",),
     feeders={"triangulation": "line-erf", "spectrum": "line-erf+triangulate-refractive"},
     laws="beambench.benchmarks.laws.laser_line:LAWS",
+    rungs="beambench.benchmarks.fidelity.laser_line:BENCH",
 )

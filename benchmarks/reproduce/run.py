@@ -47,6 +47,7 @@ WITHOUT_ROWS = {
 #: Items of other sources, and of Kusters 1992, which follow.
 OTHERS = (
     "Wang 2013, AO 52:7399", "Accuracy of 5 mm at 1 m", "Figure 3.6", "Figure 3.7",
+    "Eq. 4.6", "Eq. 4.7", "Figure 4.14", "Figure 4.15", "Table 4.1", "Table 4.2",
     *(f"Figure 5.{n}" for n in range(7, 17)), "Profile selection and resampling", "Detrend, taper and spectrum",
 )  # fmt: skip
 
@@ -79,10 +80,12 @@ def all_rows(say: Progress | None = None, only: str | None = None) -> list[Row]:
     from .roughness import roughness_rows
     from .surfaces import figure_2_rows
     from .table_1 import table_1_rows
+    from .tank import tank_rows
     from .triangular import triangular_rows
 
     kusters: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows),
+        ("Kusters 1992, chapter 4: range errors in the tank", tank_rows),
         ("Kusters 1992, chapter 5: roughness of the seafloor", roughness_rows),
     )
     parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (

@@ -87,7 +87,13 @@ def tank_profiles(count: int, *, noise_m: float, radius_m: float = 2.2, seed: in
         height = radius_m - np.sqrt(radius_m**2 - (along - middle) ** 2)
         beside = (along - middle - 0.1) / 0.0125
         height = np.where(np.abs(beside) < 1, 0.02 + 0.0125 * np.sqrt(np.clip(1 - beside**2, 0, 1)), height)
-        made.append(Profile(along, height + noise_m * rng.standard_normal(along.size), np.full(along.size, noise_m)))
+        made.append(
+            Profile(
+                np.asarray(along, np.float64),
+                height + noise_m * rng.standard_normal(along.size),
+                np.full(along.size, noise_m),
+            )
+        )
     return made
 
 

@@ -16,6 +16,8 @@ from ..layouts.schema import SCHEMA_VERSION
 
 __all__ = [
     "ASK_FOR_RIGHTS",
+    "CHUNK_KEY",
+    "FORMAT",
     "MANIFEST",
     "MANIFEST_SUM",
     "TAKE_ANEW",
@@ -41,7 +43,8 @@ UNREADABLE = "cannot be read"
 _LOST = {errno.EIO, errno.EBADMSG, getattr(errno, "EUCLEAN", errno.EIO)}
 STORE_VERSION = 1
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*")
-_CHUNK = re.compile(r"c(\.[0-9]{1,10})+")
+#: Name of a chunk's file in the folder of its array: capture, then block along each dimension.
+CHUNK_KEY = re.compile(r"c(\.[0-9]{1,10})+")
 
 Mark = tuple[int, str]
 """Size of a chunk's file in bytes, and the CRC-32C that ends it, in hex."""
@@ -151,7 +154,7 @@ def safe_join(root: Path, key: str) -> Path:
 
 
 def _chunk_key(key: str, count: int) -> str:
-    if not _CHUNK.fullmatch(key) or int(key.split(".")[1]) >= count:
+    if not CHUNK_KEY.fullmatch(key) or int(key.split(".")[1]) >= count:
         raise ValueError(f"chunk {key!r} of {count} captures")
     return key
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from ..layouts.schema import SCHEMA_VERSION
 from .arrays import metadata_files
 from .journal import JOURNAL, Journal, fsync_path, write_file
 from .manifest import MANIFEST, MANIFEST_SUM, Manifest, Mark
+from .ownership import foreign_entries, is_ours, may_drop, remove_store, settle_replacement
 
 __all__ = ["disk_error", "is_store", "partial_of", "publish", "refuse_existing"]
 
@@ -24,7 +24,7 @@ def partial_of(path: Path) -> Path:
 
 
 def is_store(path: Path) -> bool:
-    """Whether this package made the folder; no other folder is ever replaced or removed."""
+    """Whether the folder looks like a store, whatever its state; `ownership.is_ours` decides what may be removed."""
     return path.is_dir() and ((path / MANIFEST).is_file() or (path / JOURNAL).is_file())
 
 
@@ -36,10 +36,16 @@ def refuse_existing(path: Path, overwrite: bool) -> None:
         raise InputError(
             "The output exists.", where=str(path), next_step="choose another --out, or add --overwrite"
         )  # fmt: skip
-    if path.is_symlink() or not is_store(path):
+    if not is_ours(path):
         raise InputError(
-            "The output exists and is not a store of captures, so it is not overwritten.",
+            "The output exists and is not a store of captures, or its manifest is damaged; it is not overwritten.",
             where=str(path), next_step="choose another --out, or remove it yourself",
+        )  # fmt: skip
+    foreign = foreign_entries(path)
+    if foreign:
+        raise InputError(
+            "The store holds files that are not its own, so it is not overwritten.", where=str(path / foreign[0]),
+            next_step="move them away, or choose another --out",
         )  # fmt: skip
 
 
@@ -103,17 +109,16 @@ def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
     # Chunks of a capture that a crash interrupted, and temporary files of zarr.
     for name, marks in chunks.items():
         for file in os.listdir(partial / name):
-            if file not in marks and file != "zarr.json":
+            if file not in marks and may_drop(file):
                 (partial / name / file).unlink()
 
 
 def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | None) -> None:
+    settle_replacement(path)
     refuse_existing(path, overwrite)
     aside = keep_replaced or path.with_name(path.name + ".replaced")
     replacing = path.exists()
     if replacing:
-        if keep_replaced is None and is_store(aside):
-            shutil.rmtree(aside)
         os.rename(path, aside)
     try:
         os.rename(partial, path)
@@ -123,4 +128,4 @@ def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | 
         raise
     fsync_path(path.parent)
     if replacing and keep_replaced is None:
-        shutil.rmtree(aside)
+        remove_store(aside)

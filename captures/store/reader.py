@@ -237,10 +237,17 @@ def _check_kind(root: Path) -> None:
             where=str(root), allowed="a folder written by beambench",
             next_step="`beambench generate SCENE --out PATH` creates a store",
         )  # fmt: skip
-    partial = partial_of(root)
     raise InputError(
         "There is no such store.",
         where=str(root),
-        next_step=f"`beambench data finalize {partial}` keeps the complete captures of an interrupted run"
-        if partial.is_dir() else "`beambench generate SCENE --out PATH` creates a store",
+        next_step=_where_else(root),
     )  # fmt: skip
+
+
+def _where_else(root: Path) -> str:
+    partial, replaced = partial_of(root), root.with_name(root.name + ".replaced")
+    if partial.is_dir():
+        return f"`beambench data finalize {partial}` keeps the complete captures of an interrupted run"
+    if replaced.is_dir():
+        return f"it was being replaced when the writing stopped, and is still in {replaced}: give it its name back"
+    return "`beambench generate SCENE --out PATH` creates a store"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -32,12 +31,14 @@ from .journal import (
     fsync_path,
     has_header,
     lock_journal,
+    mark_journal,
     read_journal,
     refuse_busy,
     write_file,
 )
 from .manifest import Mark, chunk_mark
-from .publish import disk_error, is_store, partial_of, publish, refuse_existing
+from .ownership import is_ours, is_removable_partial, remove_store, settle_replacement
+from .publish import disk_error, partial_of, publish, refuse_existing
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,8 +105,9 @@ class CaptureWriter:
             raise InputError(
                 "This cannot be the name of a store.", where=str(path), allowed="a name without .partial at its end"
             )
-        refuse_existing(self.path, overwrite)
         try:
+            settle_replacement(self.path)
+            refuse_existing(self.path, overwrite)
             if not (resume and self._reopen()):
                 self._start(resume)
         except OSError as error:
@@ -163,8 +165,10 @@ class CaptureWriter:
     def abandon(self) -> None:
         """Stop without a store: complete captures stay in the partial folder; without any, the folder is removed."""
         self._release()
-        if not self.count and is_store(self.partial):
-            shutil.rmtree(self.partial, ignore_errors=True)
+        if not self.count and is_removable_partial(self.partial):
+            # Files of other origin stay, and the folder with them.
+            with suppress(OSError, InputError):
+                remove_store(self.partial)
 
     def __enter__(self) -> CaptureWriter:
         return self
@@ -189,7 +193,7 @@ class CaptureWriter:
 
     def _start(self, resume: bool) -> None:
         if os.path.lexists(self.partial):
-            if not (self.overwrite or resume) or not is_store(self.partial):
+            if not (self.overwrite or resume) or not is_removable_partial(self.partial):
                 raise InputError(
                     "An unfinished store is in the way.",
                     where=str(self.partial),
@@ -197,20 +201,22 @@ class CaptureWriter:
                     "--resume continues it; or remove it",
                 )
             refuse_busy(self.partial)
-            shutil.rmtree(self.partial)
+            remove_store(self.partial)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.partial.mkdir()
         try:
-            # An empty journal marks the folder as one of Beambench from the start.
-            self._file = open(self.partial / JOURNAL, "ab")  # noqa: SIM115 (closed by _release)
+            self._file = open(self.partial / JOURNAL, "xb")  # noqa: SIM115 (closed by _release)
             lock_journal(self._file, self.partial)
+            mark_journal(self._file)
         except OSError:
+            self._release()
+            (self.partial / JOURNAL).unlink(missing_ok=True)
             self.partial.rmdir()
             raise
 
     def _reopen(self) -> bool:
         """Continue the partial store; False if there is none, or it has no capture yet."""
-        if not is_store(self.partial) or not has_header(self.partial):
+        if not is_ours(self.partial) or not has_header(self.partial):
             return False
         self._file = open(self.partial / JOURNAL, "r+b")  # noqa: SIM115 (closed by _release)
         try:

@@ -8,6 +8,8 @@ import xarray as xr
 from ...optics.jit import kernel
 from ..registry import estimator
 from ..result import range_result
+from .tools.design import design_of
+from .tools.goodness import hold_misfit
 from .tools.maximum import TILE
 from .tools.stack import load_row, read_stack
 
@@ -148,7 +150,8 @@ def gaussian_least_squares(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.D
     ū is the centroid of R. Beside ū, the declared instrument enters only as the first value of the width (s stays within
     e^±1.5 of it), so that a wrongly declared pulse matters little; an R that is not Gaussian biases by its asymmetry.
     Other arguments: min_snr: least A in its standard errors. Returns range, sigma [m], valid (row, col): sigma propagates
-    the photon noise of the fitted profile through the fit, without the error of the model. Invalid: not settled within 60
+    the photon noise of the fitted profile through the fit, without the error of the model, and holds the spread of the delays
+    where a pixel sees several surfaces (`misfit`). Invalid: not settled within 60
     steps, centre outside the delays, a clipped or NaN sample.
     """
     stack = read_stack(capture)
@@ -168,4 +171,8 @@ def gaussian_least_squares(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.D
         stack.frames / stack.exposure[:n], stack.exposure[:n], stack.reads[:n], (t - origin) / unit, 1.0, min_snr,
         tau, sigma, ok,
     )  # fmt: skip
-    return range_result(*rig.to_range(origin + unit * tau, unit * sigma), ok)
+    time, error = origin + unit * tau, unit * sigma
+    design = design_of(stack)
+    error /= design.step_s
+    hold_misfit(stack, design, (time - design.origin_s) / design.step_s, error, ok)
+    return range_result(*rig.to_range(time, design.step_s * error), ok)

@@ -9,6 +9,7 @@ from ...optics.jit import kernel
 from ..registry import estimator
 from ..result import range_result
 from .tools.design import Design, design_of
+from .tools.goodness import hold_misfit
 from .tools.maximum import TILE
 from .tools.stack import Stack, load_row, read_stack
 
@@ -106,7 +107,8 @@ def matched_filter(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
     This is least squares with equal weights over amplitude and background: optimal for equal noise in all slices, less so
     for photon noise. Scores are computed every σ_R/8, and the greatest is refined by a parabola.
     Other arguments: min_snr: least score in its standard errors. Returns range, sigma [m], valid (row, col): sigma by
-    propagation of the photon noise of the fitted profile. Invalid: a clipped or NaN sample, no maximum inside the window.
+    propagation of the photon noise of the fitted profile, and with the spread of the delays in pixels of several surfaces
+    (`misfit`). Invalid: a clipped or NaN sample, no maximum inside the window.
     """
     stack = read_stack(capture)
     rig = stack.instrument
@@ -122,4 +124,5 @@ def matched_filter(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
         (rig.excess, rig.floor_var), stack.count, design.table, design.first, design.last, mean, norm,
         (int(design.low), int(design.high) + 1, coarse), min_snr, tau, sigma, ok,
     )  # fmt: skip
+    hold_misfit(stack, design, tau, sigma, ok)
     return range_result(*rig.to_range(design.origin_s + design.step_s * tau, design.step_s * sigma), ok)

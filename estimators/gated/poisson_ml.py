@@ -14,7 +14,7 @@ from .tools.design import design_of
 from .tools.even_design import even_design_of
 from .tools.even_fit import fit_even
 from .tools.maximum import TILE
-from .tools.misfit import LIMIT, state_misfit
+from .tools.misfit import LIMIT, NO_VEIL, state_misfit
 from .tools.poisson_clipped import leave_out, plausible
 from .tools.poisson_fit import fit_careful, fit_fast, start
 from .tools.poisson_flat import fit_flat
@@ -241,7 +241,7 @@ def poisson_ml(capture: xr.Dataset, *, min_snr: float = 4.0) -> xr.Dataset:
         _fit_rows(*common, value, sigma, valid, again)
     state_misfit(
         stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, design.first, design.last,
-        design.width, floor, LIMIT, units, value, sigma, valid & suspect,
+        design.width, floor, LIMIT, units, value, sigma, valid & suspect, *NO_VEIL,
     )  # fmt: skip
     if direct:
         valid &= value > 0

@@ -11,6 +11,7 @@ from ...scenes.errors import InputError
 from ..registry import estimator
 from ..result import range_result
 from .tools.design import Design, design_of
+from .tools.goodness import hold_misfit
 from .tools.instrument import Instrument
 from .tools.maximum import TILE
 from .tools.returns import climb
@@ -38,7 +39,9 @@ def backscatter_template(
 
 
 @kernel(error_model="numpy")
-def _fit_rows(counts, slices, group, e, s, levels, table, below, decay, grid, bounds, width, snr, tau, sigma, ok):  # type: ignore[no-untyped-def]
+def _fit_rows(  # type: ignore[no-untyped-def]
+    counts, slices, group, e, s, levels, table, below, decay, grid, bounds, width, snr, tau, sigma, ok, strength
+):
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
     groups = e.size
@@ -78,6 +81,7 @@ def _fit_rows(counts, slices, group, e, s, levels, table, below, decay, grid, bo
                 good = done and q[3] > snr * error[3] and error[2] < width and bounds[0] < q[2] < bounds[1]
                 if good:
                     tau[row, first + c], sigma[row, first + c], ok[row, first + c] = q[2], error[2], True
+                    strength[row, first + c] = q[1]
 
 
 @estimator(
@@ -93,9 +97,9 @@ def poisson_ml_backscatter(
     fitted per pixel; its shape is declared. Noise as in `poisson-ml`. Where no light scatters, C costs a little precision.
     Other arguments: min_snr: least A in its standard errors; nearest_m: water nearer than this is not lit or not seen
     (bistatic overlap); attenuation_per_m: c of the template in place of the declared one.
-    Returns range, sigma [m] from the Fisher information, valid (row, col): converged, a quarter of the echo inside the
-    window, no clipped or NaN sample. Raises InputError for min_snr, nearest_m, attenuation_per_m out of range, and for a
-    rig that lacks a value.
+    Returns range, sigma [m] from the Fisher information and, in pixels of several surfaces, their spread (`misfit`),
+    valid (row, col): converged, a quarter of the echo inside the window, no clipped or NaN sample. Raises
+    InputError for min_snr, nearest_m, attenuation_per_m out of range, and for a rig that lacks a value.
     """
     if min_snr < 0 or nearest_m <= 0 or (attenuation_per_m is not None and attenuation_per_m < 0):
         value = (min_snr, nearest_m, attenuation_per_m)
@@ -111,6 +115,7 @@ def poisson_ml_backscatter(
         return range_result(tau, sigma, ok)
     design = design_of(stack)
     absorption = rig.rig.number("medium.absorption_per_m", least=0)
+    strength = np.zeros(shape)
     declared = absorption + rig.rig.number("medium.scattering_per_m", least=0)
     c = declared if attenuation_per_m is None else attenuation_per_m
     below, decay = backscatter_template(rig, design, nearest_m, c)
@@ -119,6 +124,7 @@ def poisson_ml_backscatter(
     levels = (rig.offset_dn, stack.frames / (rig.dn_per_pe * rig.excess), rig.saturation_dn)
     _fit_rows(
         stack.counts, stack.slices, stack.group, stack.exposure, shift, levels, design.table, below, decay,
-        design.candidates, (design.low, design.high, 0.7 * design.width, floor), design.width, min_snr, tau, sigma, ok,
+        design.candidates, (design.low, design.high, 0.7 * design.width, floor), design.width, min_snr, tau, sigma, ok, strength,
     )  # fmt: skip
+    hold_misfit(stack, design, tau, sigma, ok, veil=(below, strength))
     return range_result(*rig.to_range(design.origin_s + design.step_s * tau, design.step_s * sigma), ok)

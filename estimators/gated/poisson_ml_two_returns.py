@@ -12,12 +12,16 @@ from ...scenes.errors import InputError
 from ..registry import estimator
 from ..result import range_result
 from .tools.design import design_of
+from .tools.goodness import hold_misfit
 from .tools.maximum import TILE
 from .tools.poisson_fit import start
 from .tools.returns import climb, model
 from .tools.stack import load_row, read_stack
 
 __all__ = ["poisson_ml_two_returns"]
+
+#: Standard errors of χ² beyond which two echoes do not explain a pixel; its tail is long where samples hold few electrons.
+MISFIT = 5.0
 
 
 @kernel(error_model="numpy")
@@ -38,9 +42,21 @@ def _second(zs, table, candidates, mean):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
+def _misfit(zs, e, s, table, none, flat, q, level, columns):  # type: ignore[no-untyped-def]
+    """Half the distance of two echoes, where Pearson's χ² is beyond MISFIT of its standard errors: there are more surfaces, the
+    farthest about as far from each echo. Else 0."""
+    model(q, e, s, table, none, flat, level, columns)
+    square, spread, free = 0.0, 0.0, zs.size - 5
+    for g in range(zs.size):
+        square += (zs[g] - level[g]) ** 2 / level[g]
+        spread += 2 + 1 / level[g]
+    return 0.5 * abs(q[4] - q[2]) if square > free + MISFIT * np.sqrt(spread) else 0.0
+
+
+@kernel(error_model="numpy")
 def _fit_rows(  # type: ignore[no-untyped-def]
     counts, slices, group, e, s, levels, table, first, last, candidates, box, mean, norm, bounds, width, snr, gain, pick,
-    tau, sigma, ok,
+    tau, sigma, ok, alone,
 ):  # fmt: skip
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
@@ -57,7 +73,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
         np.empty(6),
         np.empty(6),
     )
-    level, columns = np.empty(groups), np.empty((4, groups))
+    level, columns = np.empty(groups), np.empty((6, groups))
     for row in range(rows):
         for begin in range(0, cols, TILE):
             number = min(TILE, cols - begin)
@@ -103,6 +119,8 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                     if pick == 1 or (pick == 2 and held[5] > held[3]):
                         i = 4
                     x, dx, a, da = held[i], held_error[i], held[i + 1], held_error[i + 1]
+                    alone[row, begin + c] = False
+                    dx = np.hypot(dx, _misfit(zs, e, s, table, none, flat, held, level, columns))
                 elif single:
                     x, dx, a, da = one[2], error1[2], one[3], error1[3]
                 else:
@@ -124,8 +142,9 @@ def poisson_ml_two_returns(
     method of the source is Bayesian, by reversible jumps; the likelihood-ratio test replaces it here. Noise as in
     `poisson-ml`.
     Other arguments: pick: the echo whose range is returned; min_gain; min_snr: least A in its standard errors.
-    Returns range, sigma [m] from the Fisher information of the chosen model, valid (row, col). Invalid: not settled, a
-    clipped or NaN sample. Raises InputError for negative min_gain or min_snr.
+    Returns range, sigma [m] from the Fisher information of the chosen model and, where its profile is not that of the data, from
+    the spread of the delays (`misfit`), valid (row, col). Invalid: not settled, sigma beyond the width of R, a clipped or NaN
+    sample. Raises InputError for negative min_gain or min_snr.
     """
     if min_gain < 0 or min_snr < 0:
         raise InputError(
@@ -138,7 +157,7 @@ def poisson_ml_two_returns(
     tau, sigma, ok = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=bool)
     if stack.signal < 6:
         return range_result(tau, sigma, ok)
-    design = design_of(stack)
+    design, alone = design_of(stack), np.ones(shape, dtype=bool)
     shift = stack.count * rig.floor_var / rig.excess**2
     floor = -0.5 * float((shift / stack.exposure).min())
     _fit_rows(
@@ -146,6 +165,7 @@ def poisson_ml_two_returns(
         (rig.offset_dn, stack.frames / (rig.dn_per_pe * rig.excess), rig.saturation_dn), design.table, design.first,
         design.last, design.candidates, design.box, design.mean, design.norm,
         (design.low, design.high, 0.7 * design.width, floor), design.width, min_snr, min_gain,
-        ("first", "last", "brightest").index(pick), tau, sigma, ok,
+        ("first", "last", "brightest").index(pick), tau, sigma, ok, alone,
     )  # fmt: skip
+    hold_misfit(stack, design, tau, sigma, ok & alone)
     return range_result(*rig.to_range(design.origin_s + design.step_s * tau, design.step_s * sigma), ok)

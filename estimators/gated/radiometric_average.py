@@ -14,6 +14,7 @@ from ..result import range_result
 from .chua_2017 import model_angle, printed_reflection
 from .tools.background import from_outside
 from .tools.design import design_of
+from .tools.goodness import hold_misfit
 from .tools.instrument import Instrument
 from .tools.maximum import TILE, brightest
 from .tools.stack import load_row, read_stack
@@ -125,9 +126,9 @@ def radiometric_average(
     follow τ would hold it back. At that point it is near maximum likelihood. It is not the estimator of Chua et al. 2016 (J.
     Eur. Opt. Soc. Rapid Publ. 11:16015), whose weights come from a detection threshold and the system's noise.
     Other arguments: as `chua-2017` (k_d = .16/sr: a Lambert albedo of .5).
-    Returns range, sigma [m] by error propagation, valid (row, col): settled within 50 steps inside the window, no
-    clipped sample, brightest slice above the background by 2 standard deviations. Raises InputError for parameters that
-    are no reflection, and for a rig that lacks a value.
+    Returns range, sigma [m] by error propagation and, in pixels of several surfaces, their spread (`misfit`), valid
+    (row, col): settled within 50 steps inside the window, no clipped sample, brightest slice above the background by 2
+    standard deviations. Raises InputError for parameters that are no reflection, and for a rig that lacks a value.
     """
     if k_s < 0 or k_d < 0 or k_s + k_d <= 0 or slope <= 0:
         raise InputError(
@@ -163,4 +164,5 @@ def radiometric_average(
     with np.errstate(invalid="ignore"):
         noise = np.sqrt((rig.excess * np.maximum(background, 0) + rig.floor_var) * 4)
         ok &= (found.at - background > noise) & (sigma < design.width)
+    hold_misfit(stack, design, tau, sigma, ok)
     return range_result(*rig.to_range(design.origin_s + design.step_s * tau, design.step_s * sigma), ok)

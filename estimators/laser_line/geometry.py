@@ -8,14 +8,16 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from ...optics.dome import DomePort
 from ...optics.pinhole import Pinhole
 from ...optics.port import FlatPort
 from ...optics.sheet import Sheet, meeting
+from ...scenes.errors import InputError
 from ..declared import check_keys
 from ..rig import DeclaredRig
 from .declared import LASER_LINE_KEYS
 
-__all__ = ["Geometry", "declared_geometry"]
+__all__ = ["Geometry", "declared_covariance", "declared_geometry"]
 
 Float = npt.NDArray[np.float64]
 
@@ -59,12 +61,31 @@ def declared_geometry(rig: DeclaredRig, *, port: str = "declared") -> Geometry:
 
     Raises InputError where the rig lacks a value or holds one that cannot be used.
     """
-    check_keys(rig, LASER_LINE_KEYS)
     return _geometry(rig, port)
+
+
+def declared_covariance(rig: DeclaredRig) -> tuple[tuple[str, ...], Float]:
+    """(names, covariance) of the parameters that a calibration of the rig found.
+
+    Raises InputError where there is none, or where the covariance is not a symmetric matrix of their number without negative
+    eigenvalues.
+    """
+    names = tuple(str(name) for name in rig.need("calibration.parameters"))
+    rows = [rig.numbers(f"calibration.covariance.{k}", length=len(names)) for k in range(len(names))]
+    matrix = np.stack(rows)
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    unit = matrix / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
+    if np.abs(unit - unit.T).max() > 1e-9 or np.linalg.eigvalsh(unit).min() < -1e-9 or len(set(names)) < len(names):
+        raise InputError(
+            "The declared covariance of the calibration cannot be one.", where="attribute rig: calibration.covariance",
+            value=matrix.tolist(), allowed="symmetric, no negative eigenvalue, one row for each of the different parameters",
+        )  # fmt: skip
+    return names, matrix
 
 
 @lru_cache(maxsize=32)
 def _geometry(rig: DeclaredRig, port: str) -> Geometry:
+    check_keys(rig, LASER_LINE_KEYS)
     pitch = rig.number("camera.pixel_pitch_m", above=0)
     k1, k2, p1, p2, k3 = rig.numbers("camera.distortion", length=5).tolist()
     camera = Pinhole(
@@ -74,7 +95,12 @@ def _geometry(rig: DeclaredRig, port: str) -> Geometry:
         (k1, k2, p1, p2, k3),
         _window(rig) if port != "none" else None,
     )
-    if port == "pinhole" and camera.port is not None:
+    if port == "pinhole" and isinstance(camera.port, DomePort):
+        raise InputError(
+            "A dome is no port at the pinhole: this estimator takes flat ports only.", where="attribute rig: port.kind",
+            value="dome", allowed="none, flat", next_step="use triangulate-refractive",
+        )  # fmt: skip
+    if port == "pinhole" and isinstance(camera.port, FlatPort):
         camera = replace(camera, port=replace(camera.port, stand_off_m=0.0, thickness_m=0.0))
     normal, axis = (rig.numbers(f"laser.{name}", length=3) for name in ("normal", "axis"))
     sheet = Sheet(
@@ -86,9 +112,17 @@ def _geometry(rig: DeclaredRig, port: str) -> Geometry:
     return Geometry(camera, sheet, lens, rig.whole("camera.rows"), rig.whole("camera.cols"))
 
 
-def _window(rig: DeclaredRig) -> FlatPort | None:
-    if rig.word("port.kind", "none", "flat") == "none":
+def _window(rig: DeclaredRig) -> FlatPort | DomePort | None:
+    kind = rig.word("port.kind", "none", "flat", "dome")
+    if kind == "none":
         return None
+    if kind == "dome":
+        x, y, z = rig.numbers("port.center_m", length=3).tolist()
+        return DomePort(
+            (x, y, z), rig.number("port.radius_m", above=0), rig.number("port.thickness_m", least=0),
+            rig.number("port.inside_index", least=1), rig.number("port.glass_index", least=1),
+            rig.number("medium.phase_index", least=1),
+        )  # fmt: skip
     return FlatPort(
         rig.number("port.stand_off_m", least=0), rig.number("port.thickness_m", least=0),
         rig.number("port.inside_index", least=1), rig.number("port.glass_index", least=1),

@@ -7,17 +7,19 @@ from numpy.typing import NDArray
 
 from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import laser_line_rig
+from ...scenes.rigs.laser_line_effects import LineEffects
 from ...scenes.rigs.laser_line_geometry import line_camera
 from ...scenes.scene import Scene
 from ..effect import Effect, effect, interreflection
 from .expected import FrameLight
 
-__all__ = ["MOTION", "SCATTERED", "catalogue", "motion_blur", "scattered_sizes"]
+__all__ = ["EVEN_SCATTERED", "MOTION", "SCATTERED", "catalogue", "motion_blur", "scattered_sizes"]
 
 Float = NDArray[np.float64]
 
 #: Effects of scattered light: the first two are what the rung `scatter` adds.
 MOTION = "motion blur"
+EVEN_SCATTERED = "scattered even light"
 SCATTERED = ("curtain of scattered light", "forward-scattered halo", "multiple scattering")
 
 
@@ -25,34 +27,43 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
     """Every catalogued effect at the rung."""
     rig = laser_line_rig(scene)
     detector = rig.detector
+    made = rig.effects or LineEffects()
+    focus, looks = made.focus is not None, made.speckle_looks
     reached = _reached(scene, light)
     through = float(-np.expm1(-2.0 * scene.medium.attenuation_per_m * reached))
     return [
         effect("first bounce", True, 1.0, "first hits, sheet's profile integrated over pixels"),
-        effect("refraction at the port", rig.port.kind == "flat", None, "exact, both ways"),
+        effect("refraction at the port", rig.port.kind != "none", None, "exact, both ways"),
         effect("beam attenuation", True, through, "1 − e^(−2cr)"),
         *(
-            effect(name, rung != "direct" and name != SCATTERED[2], *line)
+            effect(name, rung == "full" or (rung != "direct" and name != SCATTERED[2]), *line)
             for name, line in scattered_sizes(scene, light).items()
         ),
-        effect("interreflection", False, *interreflection(scene)),
+        effect("interreflection", rung == "full", *interreflection(scene)),
         effect("occlusion of laser and camera", True, None, "shadow rays to the laser's place"),
+        effect(
+            EVEN_SCATTERED,
+            False,
+            None if rig.even_light_e_per_s and scene.medium.scattering_per_m > 0 else 0.0,
+            "even light reaches the camera straight",
+        ),
         effect("lens point spread", rig.lens_sigma_px > 0, None, "Gaussian, along the rows"),
         effect("lens point spread across edges", False, 0.0 if rig.lens_sigma_px == 0 else None, "not modelled"),
         effect("light reflected inside the port", False, 0.0 if rig.port.kind == "none" else None, "not modelled"),
+        effect("defocus", focus, None if focus else 0.0, "disc of second moment D²/16 as a Gaussian, along the rows"),
         effect(
             MOTION,
-            False,
+            made.exposure_poses is not None,
             motion_blur(scene, light),
             "√3 L²/48s² of the profile, L moved in an exposure, s the width",
         ),
-        effect("speckle", False, None, "not modelled; contrast 1/√M"),
+        effect("speckle", looks is not None, None if looks is None else looks**-0.5, "contrast 1/√M, by pixel"),
         effect("photon noise", True, None, "Poisson"),
         effect("dark current", True, None, "Poisson"),
         effect("read noise", True, None, "Gaussian"),
         effect("PRNU", bool(detector.prnu), detector.prnu, "rms"),
         effect("DSNU", bool(detector.dsnu_e), None, "fixed offsets"),
-        effect("blooming", False, None, "not modelled"),
+        effect("blooming", made.blooming is not None, None, "charge beyond the full well spills to neighbours"),
     ]
 
 
@@ -102,9 +113,8 @@ def motion_blur(scene: Scene, light: FrameLight) -> float:
     speed += float(np.linalg.norm(rig.turn_rad_per_s or (0.0, 0.0, 0.0)))
     if speed == 0.0:
         return 0.0
-    window = line_camera(rig, phase_index(scene.medium, rig.wavelength_m)).port
     per_rad = rig.camera.focal_length_m / rig.camera.pixel_pitch_m
-    per_rad *= 1.0 if window is None else window.outside / window.inside
+    per_rad *= line_camera(rig, phase_index(scene.medium, rig.wavelength_m)).narrowing
     width = light.truth.width[np.isfinite(light.truth.width)]
     if not width.size:
         return 1.0

@@ -32,11 +32,13 @@ class Nodes:
     """What the middles of the rows see at every half pixel.
 
     `col` (k): from −½ to cols − ½. `offset` (rows, k): u [m], NaN where nothing is hit. `sigma` (rows, k): of the sheet there.
+    `lens_px`: the widest point spread of the lens on the line's way through the image.
     """
 
     col: Float
     offset: Float
     sigma: Float
+    lens_px: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +59,16 @@ def nodes_of(setting: Setting, pose: Pose) -> Nodes:
     seen = setting.see(row, at, pose, lit=False)
     offset: Float = np.where(seen.hit, setting.sheet.offset(seen.point), np.nan)
     sigma = setting.sheet.sigma(setting.sheet.range(seen.point))
-    return Nodes(col, offset.reshape(rows, -1), sigma.reshape(rows, -1))
+    near = seen.hit & (np.abs(offset) < _REACH * sigma + np.abs(np.nan_to_num(np.gradient(offset))))
+    lens = setting.lens_px(at[near], seen.point[:, near])
+    widest = float(np.max(lens, initial=setting.rig.lens_sigma_px))
+    return Nodes(col, offset.reshape(rows, -1), sigma.reshape(rows, -1), widest)
 
 
 def line_light(setting: Setting, pose: Pose, nodes: Nodes, rtol: float) -> Lit:
     """The line's light to a relative error of about `rtol` of its root mean square."""
     rows, cols = setting.rig.camera.rows, setting.rig.camera.cols
-    row, col = np.nonzero(_crossed(nodes, cols, setting.rig.lens_sigma_px))
+    row, col = np.nonzero(_crossed(nodes, cols, nodes.lens_px))
     image, rays, change = np.zeros((rows, cols)), nodes.offset.size, np.inf
     if not row.size:
         return Lit(image, rays, 0.0)
@@ -103,7 +108,7 @@ def _pixels(setting: Setting, pose: Pose, row: Float, col: Float, across: int, a
     seen = setting.see(at_row, at_col, pose)
     low, high = (setting.offsets(at_row, at_col + step, seen) for step in (-0.5 / across, 0.5 / across))
     good = (seen.radiance > 0) & np.isfinite(low) & np.isfinite(high)
-    spread = setting.rig.lens_sigma_px * across * (high - low)
+    spread = setting.lens_px(at_col, seen.point) * across * (high - low)
     sigma = np.hypot(setting.sheet.sigma(setting.sheet.range(seen.point)), spread)
     share = gaussian_mean(np.where(good, low, 1.0), np.where(good, high, 1.0), np.where(good, sigma, 1.0))
     light = np.where(good, seen.radiance * share, 0.0)

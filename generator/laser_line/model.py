@@ -23,13 +23,14 @@ __all__ = ["MODEL"]
 def _choose(scene: Scene, request: Request) -> Choice:
     from .choose import choose
 
-    return choose(scene, request.rtol)
+    return choose(scene, request.rtol, request.seed, request.capture_key)
 
 
 def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     from .expected import expect
+    from .exposure import exposed
 
-    return expect(scene, request)
+    return exposed(scene, expect(scene, request))
 
 
 def _read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDArray[Any]:
@@ -46,7 +47,7 @@ def _effects(scene: Scene, expected: Expected[FrameLight], rung: str) -> list[Ef
 
 MODEL: Model[FrameLight] = Model(
     "laser_line",
-    rungs=("direct", "scatter"),
+    rungs=("direct", "scatter", "full"),
     expect=_expect,
     read=_read,
     effects=_effects,

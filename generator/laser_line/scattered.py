@@ -118,10 +118,8 @@ def halo(setting: Setting, wide: Float, margin: int, path_m: float, phase: Phase
         setting: of the narrow image. path_m: r₁ + r₂ of the line.
     """
     camera = setting.rig.camera
-    window = setting.camera.port
-    narrowed = 1.0 if window is None else window.outside / window.inside
     # Behind a port a pixel is narrower in the water, as that of a longer lens.
-    seen = camera.model_copy(update={"focal_length_m": camera.focal_length_m * narrowed})
+    seen = camera.model_copy(update={"focal_length_m": camera.focal_length_m * setting.camera.narrowing})
     kernels = image_halo(seen, margin, phase, setting.scene.medium.scattering_per_m, (path_m, path_m))
     image = wide.astype(np.float32)
     spread = kernels.spread(image, kernels.weights(np.full(image.shape, path_m)))

@@ -15,12 +15,13 @@ from ...optics.rotation import turned_by
 from ...optics.sheet import Sheet, meeting
 from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
-from ...scenes.rigs.laser_line_geometry import line_camera, line_sheet
+from ...scenes.rigs.laser_line_effects import FocusedLens
+from ...scenes.rigs.laser_line_geometry import line_camera, line_lens, line_sheet
 from ...scenes.scene import Scene
 from ..rays.echo import reflected
 from ..rays.trace import Hits, Tracer
 
-__all__ = ["Pose", "Seen", "Setting", "poses_of", "setting_of"]
+__all__ = ["Pose", "Seen", "Setting", "exposure_poses", "poses_of", "setting_of"]
 
 Float = NDArray[np.float64]
 
@@ -60,6 +61,13 @@ class Setting:
     camera: Pinhole
     sheet: Sheet
     tracer: Tracer
+    lens: FocusedLens | None = None
+
+    def lens_px(self, col: Float, point: Float) -> Float | float:
+        """1 σ [px] of the lens's point spread at columns (n) that see points (3, n), defocus added in quadrature."""
+        if self.lens is None:
+            return self.rig.lens_sigma_px
+        return np.asarray(np.hypot(self.rig.lens_sigma_px, self.lens.sigma_px(col, point[2])), np.float64)
 
     def offsets(self, row: Float, col: Float, seen: Seen) -> Float:
         """u [m] of the surface's tangent planes on the rays (n) through other pixels near those of `seen`."""
@@ -101,6 +109,16 @@ class Setting:
     def electrons(self, row: Float, col: Float, intensity: Float, r1: Float, r2: Float, response: Float) -> Float:
         """Photoelectrons per pixel (n) by ladar's camera equation: `intensity` [1/sr] of the laser, r₁ from it and r₂ [m] back,
         `response` [1/sr]. Radiance that leaves a port for air falls by (n_inside/n_outside)²."""
+        return self._collected(row, col, intensity, r1, r2, response, self.scene.medium.attenuation_per_m)
+
+    def per_radiance(self, row: Float, col: Float) -> Float:
+        """Photoelectrons per pixel (n) of radiance 1/(m² sr) per emitted power in the medium before the camera."""
+        one = np.ones(np.shape(row))
+        return self._collected(row, col, one, one, one, one, 0.0)
+
+    def _collected(
+        self, row: Float, col: Float, intensity: Float, r1: Float, r2: Float, response: Float, attenuation: float
+    ) -> Float:
         camera, window = self.rig.camera, self.camera.port
         x, y = self.camera.slopes(row, col)
         electrons = ladar.pixel_photoelectrons(
@@ -109,7 +127,7 @@ class Setting:
             response_per_sr=response,
             lamp_range_m=r1,
             camera_range_m=r2,
-            attenuation_per_m=self.scene.medium.attenuation_per_m,
+            attenuation_per_m=attenuation,
             pixel_area_m2=camera.pixel_pitch_m**2,
             f_number=camera.f_number,
             cos_field=1.0 / np.sqrt(1.0 + x * x + y * y) if camera.vignetting == "cos4" else 1.0,
@@ -124,7 +142,22 @@ def setting_of(scene: Scene, tracer: Tracer | None = None) -> Setting:
     """The setting of a scene. Raises InputError for an impossible scene."""
     rig = laser_line_rig(scene)
     index = phase_index(scene.medium, rig.wavelength_m)
-    return Setting(scene, rig, line_camera(rig, index), line_sheet(rig, index), tracer or Tracer(scene))
+    camera, sheet = line_camera(rig, index), line_sheet(rig, index)
+    return Setting(scene, rig, camera, sheet, tracer or Tracer(scene), line_lens(rig, camera, sheet, scene.name))
+
+
+def exposure_poses(rig: LaserLineRig, time_s: float) -> list[Pose]:
+    """Poses within an exposure about a time [s], at the middles of equal parts; the one pose of the time where the rig has none."""
+    count = None if rig.effects is None else rig.effects.exposure_poses
+    if count is None:
+        return [_pose_at(rig, time_s)]
+    part = (np.arange(count) + 0.5) / count - 0.5
+    return [_pose_at(rig, float(time_s + p * rig.detector.exposure_s)) for p in part]
+
+
+def _pose_at(rig: LaserLineRig, time_s: float) -> Pose:
+    moved = time_s * np.asarray(rig.motion_m_per_s or (0.0, 0.0, 0.0))
+    return Pose(moved, turned_by(time_s * np.asarray(rig.turn_rad_per_s or (0.0, 0.0, 0.0))))
 
 
 def poses_of(rig: LaserLineRig) -> tuple[list[Pose], dict[str, Any]]:

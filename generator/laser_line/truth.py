@@ -57,7 +57,7 @@ def line_truth(setting: Setting, pose: Pose, nodes: Nodes) -> LineTruth:
     origin, direction = setting.camera.rays(at, col)
     point = meeting(origin, direction, setting.sheet.normal, setting.sheet.source)
     # A row is as high as a pixel is wide: within it a slanted line moves evenly, by down/slope columns.
-    blur = np.hypot(setting.rig.lens_sigma_px, down / slope / np.sqrt(12.0))
+    blur = np.hypot(setting.lens_px(col, point), down / slope / np.sqrt(12.0))
     width = np.hypot(setting.sheet.sigma(setting.sheet.range(point)) / slope, blur)
     return _sorted(rows, row, col, point, light / slope, width)
 

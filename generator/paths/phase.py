@@ -18,7 +18,7 @@ from ...scenes.scene import Scene
 from ..rays.backend import mitsuba
 from ..water.phase import phase_of
 
-__all__ = ["PhaseCells", "free_path", "phase_cells_of"]
+__all__ = ["PhaseCells", "free_path", "phase_cells_of", "straight_share"]
 
 _LOG_CELLS, _EVEN_CELLS = 1536, 2048
 _CELLS = _LOG_CELLS + _EVEN_CELLS
@@ -38,20 +38,22 @@ class PhaseCells:
     other: Any
 
     @staticmethod
-    def of(phase: PhaseFunction) -> PhaseCells:
-        """Cells of a phase function."""
+    def of(phase: PhaseFunction, least_rad: float = 0.0) -> PhaseCells:
+        """Cells of a phase function; with `least_rad`, of the part that turns light by more than that, of unit integral."""
         mi = mitsuba()
         log_edge = np.geomspace(_FINEST, _BORDER, _LOG_CELLS + 1)
         half = np.linspace(_TOP, 0.0, _EVEN_CELLS + 1)[1:]
         edge = np.concatenate([[0.0], log_edge, 1.0 - half**2])
         cdf = phase_cdf(phase, 2.0 * np.arcsin(np.sqrt(edge)))
         cdf[0], cdf[-1] = 0.0, 1.0
-        value = np.diff(cdf) / (4.0 * np.pi * np.diff(edge))
+        share = np.where(edge[1:] <= np.sin(0.5 * least_rad) ** 2, 0.0, np.diff(cdf))
+        share /= share.sum()
+        value = share / (4.0 * np.pi * np.diff(edge))
         return PhaseCells(
             mi.Float(edge.astype(np.float32)),
             mi.Float(value.astype(np.float32)),
             _LOG_CELLS / float(np.log(_BORDER / _FINEST)),
-            *_alias(np.diff(cdf)),
+            *_alias(share),
         )
 
     def density(self, a: Any, b: Any) -> Any:
@@ -103,6 +105,13 @@ def _alias(share: NDArray[np.float64]) -> tuple[Any, Any]:
         if left[high] < 1.0:
             small.append(large.pop())
     return mi.UInt32(np.minimum(stay * 2.0**32, 2.0**32 - 1).astype(np.uint32)), mi.UInt32(other)
+
+
+def straight_share(phase: PhaseFunction, least_rad: float) -> float:
+    """The share of scattered light that `PhaseCells.of` leaves out with `least_rad`."""
+    edge = np.concatenate([[0.0], np.geomspace(_FINEST, _BORDER, _LOG_CELLS + 1)])
+    last = edge[edge <= np.sin(0.5 * least_rad) ** 2][-1]
+    return float(phase_cdf(phase, np.array([2.0 * np.arcsin(np.sqrt(last))]))[0]) if last > 0 else 0.0
 
 
 def free_path(uniform: Any, scattering: Any) -> Any:

@@ -20,7 +20,7 @@ from ..rays.lamp import DeviceLamp, Lamp
 from ..rays.view import View
 from .phase import PhaseCells, phase_cells_of
 
-__all__ = ["PathWorld"]
+__all__ = ["PathWorld", "path_geometry"]
 
 #: A law may return this share more than it gets, at grazing angles, before it is refused.
 _ENERGY_SLACK = 1e-3
@@ -64,7 +64,7 @@ class PathWorld:
         """
         medium, camera = scene.medium, view.camera
         return PathWorld(
-            geometry=_geometry(scene),
+            geometry=path_geometry(scene),
             lamp=view.lamp.on_device(),
             phase=phase_cells_of(scene),
             attenuation=opaque(medium.attenuation_per_m),
@@ -83,7 +83,8 @@ class PathWorld:
         )
 
 
-def _geometry(scene: Scene) -> Any:
+def path_geometry(scene: Scene) -> Any:
+    """Mitsuba's scene of the targets with their reflection laws. Raises InputError as `PathWorld.of` does for targets."""
     mi = mitsuba()
     parts: dict[str, Any] = {}
     for number, item in enumerate(scene.target):

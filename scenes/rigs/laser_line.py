@@ -16,8 +16,10 @@ from ..errors import InputError
 from ..medium_index import medium_data
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
-from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_sheet, sheet_data
+from .laser_line_exposure import check_exposure
+from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_lens, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
+from .laser_line_view import check_port, check_view
 from .parts import Illumination
 
 __all__ = ["KIND", "LaserLineRig", "laser_line_rig"]
@@ -33,6 +35,7 @@ def laser_line_rig(scene: RigScene) -> LaserLineRig:
 
 def _declare(scene: RigScene) -> dict[str, Any]:
     rig, medium = as_declared(scene, LaserLineRig)
+    auto = {} if rig.auto_exposure is None else {"auto_exposure": rig.auto_exposure.model_dump(mode="json")}
     water = medium_data(medium, rig.wavelength_m)
     return {
         "schema": 1,
@@ -46,14 +49,16 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         "ambient_e_per_s": ambient_e_per_s(rig, float(water["phase_index"])),
         "frames": rig.frames.model_dump(mode="json"),
         "t0_s": rig.t0_s,
-    }
+    } | auto
 
 
 def _check(scene: RigScene) -> None:
     """Refuse a sheet that gives no parallax, a camera whose rays do not leave it, and what no rung models."""
     rig = laser_line_rig(scene)
+    check_exposure(rig.auto_exposure, rig.detector, scene.name)
     index = float(medium_data(scene.medium, rig.wavelength_m)["phase_index"])
     sheet, camera = line_sheet(rig, index), line_camera(rig, index)
+    check_port(rig, camera, scene.name)
     apart = abs(float(sheet.normal @ sheet.source))
     if apart < _LEAST_BASELINE_M:
         raise InputError(
@@ -71,10 +76,13 @@ def _check(scene: RigScene) -> None:
             allowed="an index outside and a lens that let the whole field through",
             next_step="narrow the field, or check inside_index, glass_index and the distortion",
         )  # fmt: skip
+    check_view(rig, camera, sheet, scene.name)
+    line_lens(rig, camera, sheet, scene.name)
     if rig.camera.focus_distance_m is not None:
         raise InputError(
-            "Defocus is not modelled for laser-line cameras.", where=f"{scene.name}: rig.camera.focus_distance_m",
-            value=rig.camera.focus_distance_m, next_step="leave it out: all is sharp then",
+            "The focus of a laser-line camera is stated with its other effects.",
+            where=f"{scene.name}: rig.camera.focus_distance_m", value=rig.camera.focus_distance_m,
+            next_step="give rig.effects.focus.distance_m, or leave it out: all is sharp then",
         )  # fmt: skip
     depth = camera.port.depth_m if camera.port is not None else 0.0
     if rig.laser.position_m[2] < 0 and depth > 0:
@@ -116,10 +124,12 @@ KIND = RigKind(
     resize=_resize,
     roles={
         "ambient": "rig.ambient_e_per_s",
+        "baseline": "rig.laser.position_m",
         "full-well": "rig.detector.full_well_e",
         "gain": "rig.detector.gain_dn_per_e",
         "light": "rig.laser.power_w",
         "motion": "rig.motion_m_per_s",
         "read-noise": "rig.detector.read_noise_e",
+        "stand-off": "rig.port.stand_off_m",
     },
 )

@@ -6,23 +6,25 @@ from typing import Any
 
 import numpy as np
 
+from ...optics.dome import DomePort
 from ...optics.pinhole import Pinhole
 from ...optics.port import FlatPort
 from ...optics.rotation import rotation_matrix
 from ...optics.sheet import Sheet, angle_inside
-from .laser_line_parts import FlatWindow
+from .laser_line_effects import FocusedLens, focused_lens
+from .laser_line_parts import DomeWindow, FlatWindow, NoWindow
 from .laser_line_spec import LaserLineRig
 
-__all__ = ["ambient_e_per_s", "camera_data", "line_camera", "line_sheet", "sheet_data"]
+__all__ = ["ambient_e_per_s", "camera_data", "line_camera", "line_lens", "line_sheet", "sheet_data"]
 
 
 def ambient_e_per_s(rig: LaserLineRig, index: float) -> float:
     """Photoelectrons per pixel and second of ambient light, in a medium of phase index `index`.
 
-    A spectrum gives the radiance in the medium, which falls by (inside index/index)² on its way through a flat port. A rate that
+    A spectrum gives the radiance in the medium, which falls by (inside index/index)² on its way through a port. A rate that
     is stated is what the pixel collects.
     """
-    if rig.ambient is None or not isinstance(rig.port, FlatWindow):
+    if rig.ambient is None or isinstance(rig.port, NoWindow):
         return rig.ambient_e_per_s
     return rig.ambient_e_per_s * (rig.port.inside_index / index) ** 2
 
@@ -32,7 +34,9 @@ def line_camera(rig: LaserLineRig, index: float) -> Pinhole:
     camera, port = rig.camera, rig.port
     row, col = rig.principal_offset_px or (0.0, 0.0)
     bent = rig.distortion
-    window = None
+    window: FlatPort | DomePort | None = None
+    if isinstance(port, DomeWindow):
+        window = DomePort(port.center_m, port.radius_m, port.thickness_m, port.inside_index, port.glass_index, index)
     if isinstance(port, FlatWindow):
         window = FlatPort(port.stand_off_m, port.thickness_m, port.inside_index, port.glass_index, index)
     return Pinhole(
@@ -42,6 +46,13 @@ def line_camera(rig: LaserLineRig, index: float) -> Pinhole:
         (0.0, 0.0, 0.0, 0.0, 0.0) if bent is None else (bent.k1, bent.k2, bent.p1, bent.p2, bent.k3),
         window,
     )
+
+
+def line_lens(rig: LaserLineRig, camera: Pinhole, sheet: Sheet, name: str) -> FocusedLens | None:
+    """The lens's defocus; None where all is sharp. Raises InputError as `focused_lens`."""
+    if rig.effects is None or rig.effects.focus is None:
+        return None
+    return focused_lens(rig.effects.focus, rig.camera, camera, sheet, name)
 
 
 def line_sheet(rig: LaserLineRig, index: float) -> Sheet:

@@ -9,7 +9,7 @@ from pydantic import Field
 from ..base import Index, Spec
 from ..quantities import OptionalLength, Place, Power, SmallLength
 
-__all__ = ["Distortion", "FlatWindow", "Frames", "NoWindow", "SheetLaser", "Window"]
+__all__ = ["Distortion", "DomeWindow", "FlatWindow", "Frames", "NoWindow", "SheetLaser", "Window"]
 
 _Degrees = Annotated[float, Field(gt=-180, le=180)]
 _Small = Annotated[float, Field(ge=-10, le=10)]
@@ -67,7 +67,22 @@ class FlatWindow(Spec):
     inside_index: Index
 
 
-Window = Annotated[NoWindow | FlatWindow, Field(discriminator="kind")]
+class DomeWindow(Spec):
+    """A dome of two concentric spheres. `center_m`: their centre from the entrance pupil, the decentring; `radius_m`: of the
+    outer one.
+
+    What it reflects is part of the camera's `transmission`.
+    """
+
+    kind: Literal["dome"] = "dome"
+    center_m: Place
+    radius_m: Annotated[float, Field(gt=0, le=10)]
+    thickness_m: Annotated[float, Field(ge=0, le=1)]
+    glass_index: Index
+    inside_index: Index
+
+
+Window = Annotated[NoWindow | FlatWindow | DomeWindow, Field(discriminator="kind")]
 
 
 class Frames(Spec):

@@ -3,7 +3,8 @@
 A pixel that sees two surfaces, or a response that was declared too narrow, gives a broader echo than R. To first order the
 mean of an echo of delays spread by the variance V is A·(R + V/2·R″): one Fisher step in (B, A, τ, V) from the fit gives V
 and its standard error (Rao's score test). The delays of the surfaces lie about √V from the echo's. What V does not describe
-shows in Pearson's χ² = Σ (z−μ)²/μ, of mean n − 3 and variance Σ (2 + 1/μ).
+shows in Pearson's χ² = Σ (z−μ)²/μ, of mean n − 3 and variance Σ (2 + 1/μ). Both are those at the likeliest place, to which one
+step from the given place leads: an estimator with more noise is not taken for a bad fit.
 Source: C. R. Rao, Proc. Camb. Phil. Soc. 44:50, 1948; dispersion: P. McCullagh and J. Nelder, Generalized Linear Models, 1989.
 """
 
@@ -15,11 +16,13 @@ from ....optics.jit import kernel
 from .maximum import TILE
 from .stack import load_row
 
-__all__ = ["LIMIT", "state_misfit"]
+__all__ = ["LIMIT", "NO_VEIL", "state_misfit"]
 
 #: Standard errors beyond which V or χ² is no chance: V in 2 of 10,000 pixels that see one surface.
 LIMIT = 3.5
 FAST = {"reassoc", "contract"}
+#: `below` and `strength` of an echo with no light of another course.
+NO_VEIL = (np.empty((0, 0)), np.empty((0, 0)))
 
 
 @kernel(fastmath=FAST, error_model="numpy")
@@ -98,6 +101,9 @@ def _spread(zs, e, s, value, slope, bend, k0, k1, out, a, b, held):  # type: ign
     gx, gv = gx - jxa * ga * p, gv - jva * ga * p
     p = 1 / jxx
     jvv, gv = jvv - jvx * jvx * p, gv - jvx * gx * p
+    # One step in the place.
+    if jxx > 0:
+        square -= gx * gx / jxx
     if not (jaa > 0 and jxx > 0 and jvv > 1e-6 * whole):
         return 0.0, np.inf, square, variance
     return gv / jvv, 1 / jvv, square, variance
@@ -105,9 +111,29 @@ def _spread(zs, e, s, value, slope, bend, k0, k1, out, a, b, held):  # type: ign
 
 @kernel(error_model="numpy")
 def state_misfit(  # type: ignore[no-untyped-def]
-    counts, slices, group, e, s, levels, table, first, last, width, floor, limit, units, tau, sigma, suspect
+    counts,
+    slices,
+    group,
+    e,
+    known,
+    levels,
+    table,
+    first,
+    last,
+    width,
+    floor,
+    limit,
+    units,
+    tau,
+    sigma,
+    suspect,
+    below,
+    strength,
 ):
     """Enlarge sigma (row, col) in place where the profile of a pixel is not R; arguments as `poisson_ml._fit_rows`.
+
+    known (group): the shift of the likelihood. Light of a known course is part of the mean: strength (row, col) × below (row of
+    the table, group) at the place; both empty where there is none.
 
     sigma² becomes sigma² + V where V exceeds `limit` of its standard errors, and at least sigma²·χ²/(n − 3) where χ² exceeds
     its mean by as many standard deviations. Pixels that have a clipped or missing sample, or fewer than five groups, are
@@ -117,7 +143,8 @@ def state_misfit(  # type: ignore[no-untyped-def]
     n, rows, cols = e.size, counts.shape[1], counts.shape[2]
     z, bad = np.empty((TILE, n)), np.zeros(TILE, np.int64)
     zs, value, slope, bend = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    half = 0.5 * width
+    s = known.copy()
+    half, veiled = 0.5 * width, strength.size > 0
     whole_e, whole_s = e.sum(), s.sum()
     for row in range(rows):
         for begin in range(0, cols, TILE):
@@ -140,8 +167,15 @@ def state_misfit(  # type: ignore[no-untyped-def]
                 f, fl, fr = x - j, x - half - left, x + half - right
                 k0, k1 = min(first[left], first[right]), max(last[left], last[right])
                 total, inside, e_in, s_in = 0.0, 0.0, 0.0, 0.0
+                if veiled:
+                    whole_s = 0.0
+                    for g in range(n):
+                        s[g] = known[g] + strength[row, col] * (
+                            below[j, g] + f * 0.5 * (below[j + 1, g] - below[j - 1, g])
+                        )
+                        whole_s += s[g]
                 for g in range(n):
-                    zs[g] = z[c, g] + s[g]
+                    zs[g] = z[c, g] + known[g]
                     total += zs[g]
                 for g in range(k0, k1):
                     value[g] = table[j, 0, g] + f * (table[j, 1, g] + f * table[j, 2, g])

@@ -1,0 +1,114 @@
+"""Which folders are stores of this package, and their removal: nothing else is ever replaced or deleted.
+
+A store is known by what its manifest or the first line of its journal says, not by a file's name; and a store that holds
+files of other origin is left alone. A store loses its mark last, so that a removal that was interrupted can be continued.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from ...scenes.errors import InputError
+from .journal import JOURNAL, MARK_LINE, has_mark
+from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, regular_size
+
+__all__ = ["foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "settle_replacement"]
+
+_TOP = {name + end for name in (MANIFEST, MANIFEST_SUM, JOURNAL, "zarr.json") for end in ("", ".new")}
+_CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial)?")
+
+
+def is_ours(path: Path) -> bool:
+    """Whether the folder states that it is a store, or an unfinished one. A link is none."""
+    if path.is_symlink() or not path.is_dir():
+        return False
+    if regular_size(path / JOURNAL) is not None and has_mark(path):
+        return True
+    if regular_size(path / MANIFEST) is None:
+        return False
+    try:
+        body = json.loads((path / MANIFEST).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(body, dict) and body.get("format") == FORMAT
+
+
+def is_removable_partial(path: Path) -> bool:
+    """Whether an unfinished store may be removed: ours, or left by a stop before its mark was written (it holds nothing)."""
+    if path.is_symlink() or not path.is_dir():
+        return False
+    entries = os.listdir(path)
+    if entries == [JOURNAL] and (regular_size(path / JOURNAL) or 0) <= len(MARK_LINE):
+        return MARK_LINE.startswith((path / JOURNAL).read_bytes())
+    return not entries or is_ours(path)
+
+
+def may_drop(name: str) -> bool:
+    """Whether a file in an array's folder is a chunk or a temporary file of one."""
+    return _CHUNK.fullmatch(name) is not None
+
+
+def foreign_entries(path: Path) -> list[str]:
+    """Files and folders in the store that are not of its format, sorted: links, other names. Raises OSError."""
+    found = []
+    with os.scandir(path) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                with os.scandir(entry.path) as inside:
+                    found += [f"{entry.name}/{one.name}" for one in inside if not _is_array_file(one)]
+            elif entry.name not in _TOP or not entry.is_file(follow_symlinks=False):
+                found.append(entry.name)
+    return sorted(found)
+
+
+def _is_array_file(entry: os.DirEntry[str]) -> bool:
+    return entry.is_file(follow_symlinks=False) and (
+        entry.name in ("zarr.json", "zarr.json.new") or may_drop(entry.name)
+    )
+
+
+def remove_store(path: Path) -> None:
+    """Remove a store, its mark last. Raises InputError where it holds files of other origin, OSError.
+
+    What other programs put into the folder after the check stays, and the folder with it.
+    """
+    foreign = foreign_entries(path)
+    if foreign:
+        raise InputError(
+            "The store holds files that are not its own, so it is not removed.",
+            where=str(path), value=foreign[0] + (f", and {len(foreign) - 1} more" if len(foreign) > 1 else ""),
+            next_step="move them away, or remove the folder yourself",
+        )  # fmt: skip
+    for name in sorted(os.listdir(path)):
+        folder = path / name
+        if stat.S_ISDIR(os.lstat(folder).st_mode):
+            for file in os.listdir(folder):
+                if may_drop(file) or file in ("zarr.json", "zarr.json.new"):
+                    (folder / file).unlink()
+            folder.rmdir()
+    for name in [*sorted(_TOP - {MANIFEST, JOURNAL}), MANIFEST, JOURNAL]:
+        (path / name).unlink(missing_ok=True)
+    path.rmdir()
+
+
+def settle_replacement(path: Path) -> None:
+    """Finish or undo a replacement of the store at `path` that was interrupted. Raises InputError, OSError.
+
+    While a new store takes its place, the old one is called `NAME.replaced`. Where nothing stands at `path` it gets its name
+    back; where the new store stands there, what is left of the old one is removed.
+    """
+    aside = path.with_name(path.name + ".replaced")
+    if aside.is_symlink() or not aside.is_dir():
+        return
+    if is_ours(aside) and not os.path.lexists(path):
+        os.rename(aside, path)
+    elif is_ours(aside) and is_ours(path):
+        remove_store(aside)
+    else:
+        with suppress(OSError):
+            aside.rmdir()  # the last step of a removal
