@@ -80,7 +80,7 @@ def reading(method: str, slope: float, condition: str, surveys: int, seed: int =
 def tank_profiles(count: int, *, noise_m: float, radius_m: float = 2.2, seed: int = 1) -> list[Profile]:
     """Profiles of the test tank: its round wall, and the 25 mm cylinder before it, at slightly different places each."""
     rng = np.random.default_rng(seed)
-    along = _ROW_M * np.arange(-100, 100)
+    along = _ROW_M * np.arange(-100, 100, dtype=np.float64)
     made = []
     for _ in range(count):
         middle = 0.05 * rng.standard_normal()
