@@ -117,7 +117,7 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))
     dark = not any(light.line.any() for light in frames)
-    warnings = (no_light(scene, "frame", "the sheet or the view"),) if dark else ()
+    warnings: tuple[str, ...] = (no_light(scene, "frame", "the sheet or the view"),) if dark else ()
     rays = sum(light.rays for light in {id(light): light for light in frames}.values())
     traced: dict[str, Any] = {"last_doubling_moved": max(light.change for light in frames)}
     if full:
