@@ -13,7 +13,7 @@ from cyclopts import App, CycloptsError
 
 from .commands.table import register
 from .console import terminal
-from .process import check_working_folder, open_standard_streams
+from .process import check_working_folder, end_in_order, keep_standard_streams, open_standard_streams
 from .scenes.errors import InputError
 
 __all__ = ["app", "main"]
@@ -94,6 +94,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     tokens = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in tokens
     open_standard_streams()
+    if argv is None:  # the process is ours
+        keep_standard_streams()
+        end_in_order()
     try:
         check_working_folder()
         with warnings.catch_warnings():
@@ -123,6 +126,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines = [f"error: {os.strerror(error.errno or 0)}."]
         if error.filename is not None:
             lines.append(f"  where:   {error.filename}")
+        elif error.errno == errno.ENOSPC:
+            _discard_stdout()  # it may be the standard output that is full: what waits for it would fail again at the exit
         advice = "  next:    check the path and the free space of its disk, or choose another with --out"
         return _print_errors(*lines, advice, *_notes(error))
     except SystemExit as error:  # raised by a plug-in: its exit code would be taken for the command's

@@ -1,13 +1,54 @@
-"""What a process needs before any library is loaded: open standard streams, and a folder to be in."""
+"""What a process needs before any library is loaded: standard streams that last, a folder to be in, an orderly end."""
 
 from __future__ import annotations
 
+import io
 import os
+import signal
 import sys
+import threading
+from typing import Any
 
 from .scenes.errors import InputError
 
-__all__ = ["check_working_folder", "open_standard_streams"]
+__all__ = ["check_working_folder", "end_in_order", "keep_standard_streams", "open_standard_streams"]
+
+
+class _Stream(io.FileIO):
+    """A file whose reader may leave: what is written after that goes nowhere, and the work goes on."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data) or 0
+        except BrokenPipeError:
+            return memoryview(data).nbytes
+
+
+def keep_standard_streams() -> None:
+    """Go on where the reader of the output leaves (`beambench run … 2>&1 | head -1`): the results are in files."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is not getattr(sys, f"__{name}__") or not isinstance(stream, io.TextIOWrapper):
+            continue  # replaced by a test or a notebook
+        stream.flush()
+        raw = _Stream(stream.fileno(), "w", closefd=False)
+        setattr(sys, name, io.TextIOWrapper(
+            io.BufferedWriter(raw), encoding=stream.encoding, errors=stream.errors,
+            line_buffering=stream.line_buffering or name == "stderr",
+        ))  # fmt: skip
+
+
+def end_in_order() -> None:
+    """Let SIGTERM and SIGHUP end the process as an interrupt does: temporary files are removed, results kept."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    for sign in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(sign) == signal.SIG_DFL:
+            signal.signal(sign, interrupt)
 
 
 def open_standard_streams() -> None:

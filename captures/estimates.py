@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..scenes.errors import InputError
 from .layouts import layout_of, stage_of
-from .quantities import Stage
+from .quantities import Stage, possible_sigma, possible_value
 
 __all__ = ["Estimates", "list_estimates", "read_estimates", "write_estimates"]
 
@@ -197,7 +197,8 @@ def _judged(one: dict[str, NDArray[Any]], stage: Stage) -> str:
         names = stage.variables(quantity)
         value, sigma, valid = (one[name] for name in names.all)
         valid = valid.reshape(valid.shape + (1,) * len(quantity.components))
-        bad = valid & ~(np.isfinite(value) & np.isfinite(sigma) & (sigma > 0))
+        with np.errstate(invalid="ignore"):
+            bad = valid & ~(possible_value(value) & possible_sigma(sigma))
         if bad.any():
             return (
                 f"invalid: {names.value} or {names.sigma} is not finite and positive at {int(bad.sum())} elements marked "

@@ -8,11 +8,29 @@ modality (`captures/layouts/<modality>.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["CAPTURE", "Quantity", "Stage"]
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+__all__ = ["CAPTURE", "GREATEST", "LEAST", "Quantity", "Stage", "possible_sigma", "possible_value"]
 
 #: Input of the first stage of a modality.
 CAPTURE = "capture"
+
+
+#: Least standard error and greatest magnitude of an answer, in any unit: squares of their ratios are still numbers.
+LEAST, GREATEST = 1e-30, 1e30
+
+
+def possible_value(value: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Whether a value can be an answer: finite, of a magnitude up to GREATEST."""
+    return abs(value) <= GREATEST  # type: ignore[no-any-return]
+
+
+def possible_sigma(sigma: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Whether a number can be a standard error: from LEAST to GREATEST."""
+    return (sigma >= LEAST) & (sigma <= GREATEST)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)

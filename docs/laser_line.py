@@ -29,9 +29,26 @@ def pictures(folder: Path) -> None:
         (folder / f"{name}.png").write_bytes(png(shown, 0.0, float(np.sqrt(400.0)), GREY))
 
 
-def table(run: Path) -> str:
-    """Errors at full light and at a tenth of it, as Markdown."""
+def waters(run: Path) -> str:
+    """Errors and failures in air and in every water at full light, matched and calibrated, as Markdown."""
     scores = pd.read_csv(run / "scores.csv")
+    scores = scores[scores.level.isna()]
+    scenes = list(dict.fromkeys(scores.scene))
+    lines = ["| estimator | condition | unit | " + " | ".join(scenes) + " |", "|---" * (len(scenes) + 3) + "|"]
+    for (stage, name, condition), rows in scores.groupby(["stage", "estimator", "condition"], sort=False):
+        factor, unit = (1.0, "px") if stage == "line" else (1e3, "mm")
+        cells = []
+        for scene in scenes:
+            own = rows[rows.scene == scene]
+            cells.append(f"{factor * np.sqrt((own.rmse**2).mean()):.3g} ({own.failure_rate.mean():.0%})")
+        lines.append(f"| `{name}` | {condition} | {unit} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def table(run: Path) -> str:
+    """Errors at full light and at a tenth of it in fresh water, matched, as Markdown."""
+    scores = pd.read_csv(run / "scores.csv")
+    scores = scores[(scores.scene == "fresh") & (scores.condition == "matched")]
     lines = [
         "| estimator | unit | rmse | bound | z | CPU µs per row | rmse at a tenth of the light | refused or failed there |"
     ]
@@ -53,3 +70,4 @@ def table(run: Path) -> str:
 if __name__ == "__main__":
     pictures(Path(__file__).parent / "pictures")
     print(table(Path(sys.argv[1])))
+    print(waters(Path(sys.argv[1])))

@@ -9,7 +9,9 @@ from pathlib import Path
 from ..scenes.errors import InputError
 from .registry import list_estimators
 
-__all__ = ["check_name", "is_package", "write_package"]
+__all__ = ["check_name", "is_package", "template_of", "write_package"]
+
+_TEMPLATES = Path(__file__).parent / "templates"
 
 
 def check_name(name: str) -> None:
@@ -28,13 +30,28 @@ def check_name(name: str) -> None:
         )
 
 
-def write_package(folder: Path, name: str) -> None:
-    """Write the package of the estimator `name` (see `check_name`) into `folder`. Raises InputError if that fails."""
+def template_of(stage: str | None) -> str:
+    """The text of the module: of a range from a stack where no stage is given, else that of `templates/<stage>.txt`. Raises
+    InputError for a stage without one."""
+    if stage is None:
+        return _MODULE
+    known = sorted(path.stem for path in _TEMPLATES.glob("*.txt"))
+    if stage not in known:
+        raise InputError(
+            "There is no template of an estimator of this stage.", where="stage", value=stage,
+            allowed=", ".join(known), next_step="leave it out: the template reads a stack of gated images",
+        )  # fmt: skip
+    return (_TEMPLATES / f"{stage}.txt").read_text(encoding="utf-8")
+
+
+def write_package(folder: Path, name: str, template: str) -> None:
+    """Write the package of the estimator `name` (see `check_name`) with the module `template` (see `template_of`) into `folder`.
+    Raises InputError if that fails."""
     module = name.replace("-", "_")
     package = f"beambench_{module}"
     files = {
         "pyproject.toml": _PYPROJECT.format(name=name, package=package, module=module),
-        f"{package}.py": _MODULE.format(name=name, module=module),
+        f"{package}.py": template.format(name=name, module=module),
         f"test_{package}.py": _TEST.format(name=name),
     }
     try:

@@ -204,6 +204,7 @@ def get_estimator(name: str) -> Estimator:
     return _describe(name, function, targets[name])
 
 
+@lru_cache(maxsize=64)
 def _chain(links: tuple[Estimator, ...]) -> Estimator:
     check_chain(links)
     needs = tuple(dict.fromkeys(need for link in links for need in link.needs))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..captures.layouts import stage_of
-from ..captures.quantities import Quantity, Stage, Variables
+from ..captures.quantities import GREATEST, LEAST, Quantity, Stage, Variables, possible_sigma, possible_value
 from ..scenes.errors import InputError
 
 __all__ = ["check_result", "masked_result", "range_result", "stage_result"]
@@ -27,8 +27,7 @@ def range_result(range_m: Array, sigma_m: Array, valid: Array) -> xr.Dataset:
     Values that are not finite, and ranges that are not positive, are made invalid; invalid elements hold NaN.
     """
     with np.errstate(invalid="ignore"):
-        good = np.asarray(valid, dtype=bool) & np.isfinite(range_m) & np.isfinite(sigma_m)
-        good &= (range_m > 0) & (sigma_m > 0)
+        good = np.asarray(valid, dtype=bool) & possible_value(range_m) & possible_sigma(sigma_m) & (range_m > 0)
     return masked_result(np.where(good, range_m, np.nan), np.where(good, sigma_m, np.nan), good)
 
 
@@ -66,28 +65,42 @@ def stage_result(word: str, **arrays: Array) -> xr.Dataset:
             "A result needs exactly the variables of its stage.", where=f"stage {word}", value=sorted(arrays),
             allowed=", ".join(stage.dims()),
         )  # fmt: skip
-    data: dict[str, Any] = {}
+    data: dict[str, Array] = {}
     for quantity in stage.gives:
         names = stage.variables(quantity)
         value, sigma = (np.asarray(arrays[name], np.float64) for name in (names.value, names.sigma))
         good = np.asarray(arrays[names.valid], bool) & _sound(quantity, value, sigma)
         mask = good.reshape(good.shape + (1,) * len(quantity.components))
-        data[names.value] = _variable(quantity.dims, np.where(mask, value, np.nan), quantity.unit, quantity.long_name)
-        data[names.sigma] = _variable(
-            quantity.dims, np.where(mask, sigma, np.nan), quantity.unit, f"standard error of {quantity.name}"
+        data |= {
+            names.value: np.where(mask, value, np.nan),
+            names.sigma: np.where(mask, sigma, np.nan),
+            names.valid: good,
+        }
+    return _stage_template(word, tuple(array.shape for array in data.values())).copy(data=data)
+
+
+@lru_cache(maxsize=64)
+def _stage_template(word: str, shapes: tuple[tuple[int, ...], ...]) -> xr.Dataset:
+    """A result of these shapes that holds one number: to fill a copy takes a seventh of what it takes to build a Dataset."""
+    held = iter(shapes)
+    made: dict[str, Any] = {}
+    stage = stage_of(word)
+    for quantity in stage.gives:
+        names = stage.variables(quantity)
+        texts = (
+            (names.value, quantity.dims, quantity.unit, quantity.long_name),
+            (names.sigma, quantity.dims, quantity.unit, f"standard error of {quantity.name}"),
+            (names.valid, quantity.element_dims, "1", "estimate is given"),
         )
-        data[names.valid] = _variable(quantity.element_dims, good, "1", "estimate is given")
-    return xr.Dataset(data)
-
-
-def _variable(dims: tuple[str, ...], values: Array, unit: str, long_name: str) -> tuple[Any, ...]:
-    return dims, values, {"units": unit, "long_name": long_name}
+        for name, dims, unit, long_name in texts:
+            made[name] = (dims, np.broadcast_to(np.float64(0), next(held)), {"units": unit, "long_name": long_name})
+    return xr.Dataset(made)
 
 
 def _sound(quantity: Quantity, value: Array, sigma: Array) -> Array:
     """Elements all of whose components have a possible value and a standard error above 0."""
     with np.errstate(invalid="ignore"):
-        good: Array = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0)
+        good: Array = possible_value(value) & possible_sigma(sigma)
         if quantity.positive:
             good = good & (value > 0)
     for _ in quantity.components:
@@ -107,6 +120,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
             value=type(result).__name__,
             allowed="xarray.Dataset",
         )
+    measured = _sizes_of_data(capture)
     for key, dims in stage.dims().items():
         if key not in result.variables:
             raise InputError(
@@ -114,7 +128,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
                 allowed=", ".join(stage.dims()),
             )  # fmt: skip
         found = result.variables[key]
-        sizes = {dim: int(capture.sizes.get(dim, result.sizes.get(dim, 0))) for dim in dims}
+        sizes = {dim: int(measured.get(dim, result.sizes.get(dim, 0))) for dim in dims}
         if found.dims != dims or found.shape != tuple(sizes.values()):
             raise InputError(
                 f"Estimator {name} returned {key} with the wrong shape.",
@@ -125,6 +139,16 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
     for quantity in stage.gives:
         _check_values(result, quantity, stage.variables(quantity), name)
     return result.copy(deep=False)
+
+
+def _sizes_of_data(capture: xr.Dataset) -> dict[Any, int]:
+    """Length of every dimension of a capture that its data and coordinates have; those that truth alone has are not known."""
+    return {
+        dim: size
+        for name, held in capture.variables.items()
+        if not str(name).startswith("truth_")
+        for dim, size in zip(held.dims, held.shape, strict=True)
+    }
 
 
 def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name: str) -> None:
@@ -140,17 +164,18 @@ def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name
                 f"Estimator {name} returned {key} that is not floating point.", where=name, value=str(array.dtype),
                 allowed="float32 or float64",
             )  # fmt: skip
-    # A finite sum has no NaN and no infinite term; only otherwise must each element be looked at.
-    if np.isfinite(value.sum() + sigma.sum()) and sigma.min(initial=1.0) > 0:
+    # NaN is in no range; only where one is there must each element be looked at.
+    if value.size and abs(value).max() <= GREATEST and sigma.min() >= LEAST and sigma.max() <= GREATEST:
         return
-    good = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0)
+    with np.errstate(invalid="ignore"):
+        good = possible_value(value) & possible_sigma(sigma)
     for _ in quantity.components:
         good = good.all(axis=-1)
     wrong = valid & ~good
     if wrong.any():
         raise InputError(
             f"Estimator {name} marks {int(wrong.sum())} elements as valid whose {names.value} is not finite, or whose "
-            f"{names.sigma} is not finite and positive.",
+            f"{names.sigma} is not finite and positive, or beyond {GREATEST:g}.",
             where=name,
             allowed="valid=False where there is no estimate",
         )

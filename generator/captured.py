@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ __all__ = ["captured"]
 def captured(
     scene: Scene,
     model: Model[Any],
-    measured: NDArray[Any],
+    measured: NDArray[Any] | Mapping[str, NDArray[Any]],
     expected: Expected[Any],
     effects: list[Effect],
     request: Request,
@@ -39,7 +40,7 @@ def captured(
         fidelity["chosen"] = request.choice.record()
     return make_capture(
         model.name,
-        data={layout_of(model.name).data: measured},
+        data=measured if isinstance(measured, Mapping) else {layout_of(model.name).data: measured},
         coords=coords,
         truth=expected.truth,
         attrs={

@@ -8,13 +8,17 @@ from typing import Any, Literal
 __all__ = ["RUNG_SHARE", "Choice", "Rtol", "Rung", "chosen"]
 
 Rtol = float | Literal["noise"]
-Rung = Literal["direct", "scatter", "full"]
+Rung = Literal["direct", "scatter", "full", "geometric", "isolated", "coherent"]
 
 #: Share of the limit that a rung's sampling may take: what it leaves out adds to it. The full rung leaves out nothing, and
 #: shares its rtol between rays and paths itself.
-RUNG_SHARE: dict[str, float] = {"direct": 0.3, "scatter": 0.3, "full": 1.0}
+RUNG_SHARE: dict[str, float] = {
+    "direct": 0.3, "scatter": 0.3, "full": 1.0, "geometric": 1.0, "isolated": 1.0, "coherent": 1.0,
+}  # fmt: skip
 #: Share of `Choice.rtol` that the rung is rendered to, so that it and what the rung leaves out stay below rtol together.
-_RENDERED_SHARE: dict[str, float] = {"direct": 0.5, "scatter": 0.5, "full": 1.0}
+_RENDERED_SHARE: dict[str, float] = {
+    "direct": 0.5, "scatter": 0.5, "full": 1.0, "geometric": 1.0, "isolated": 1.0, "coherent": 1.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

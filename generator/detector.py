@@ -6,6 +6,7 @@ counts = adc(gain · (well(spread(intensify(photons(signal·energy + ambient)·p
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,14 +44,18 @@ def fixed_pattern(detector: Detector, rows: int, cols: int) -> FixedPattern:
 
 
 def detect(
-    expected: Float32, detector: Detector, pattern: FixedPattern, seed: int, capture_key: int
-) -> NDArray[np.uint16]:
+    expected: Float32, detector: Detector, pattern: FixedPattern, seed: int, capture_key: int, *,
+    exposure_factor: NDArray[np.float64] | None = None, gain_factor: NDArray[np.float64] | None = None,
+) -> NDArray[np.uint16]:  # fmt: skip
     """Draw one capture.
 
     Main arguments:
         expected: photoelectrons (slices, rows, cols) from signal and ambient light, without PRNU and dark current.
         detector: its parameters; `pattern`: the chip's fixed pattern.
         seed, capture_key: name the random numbers.
+    Other arguments:
+        exposure_factor, gain_factor: of each slice (slices), where they differ from the detector's; `expected` holds that of
+            the exposure already.
 
     Photons are Poisson. An intensifier turns n photoelectrons into Gamma(n/(F²−1), G(F²−1)): mean Gn, and variance
     G²F²n over n. Its phosphor spreads light over neighbours (correlated noise). Dark electrons are Poisson and join
@@ -59,7 +64,9 @@ def detect(
     slices, rows, cols = expected.shape
     electrons = np.empty_like(expected)
     tube = detector.intensifier
-    dark = detector.dark_current_e_per_s * detector.exposure_s
+    dark: Any = detector.dark_current_e_per_s * detector.exposure_s
+    if exposure_factor is not None:
+        dark = np.reshape(dark * exposure_factor, (-1, 1, 1)).astype(np.float32)
     for block, part in blocks(rows):
         # A look-up in the table of R may leave −1e-30 beside its support, and NumPy refuses that.
         mean = np.maximum(expected[:, part], 0) * pattern.response[part]
@@ -73,12 +80,15 @@ def detect(
         electrons = _spread(electrons, tube.phosphor_sigma_px)
     counts = np.empty((slices, rows, cols), dtype=np.uint16)
     top = float(2**detector.adc_bits - 1)
-    gain, offset = np.float32(detector.gain_dn_per_e), np.float32(detector.offset_dn)
+    gain: Any = np.float32(detector.gain_dn_per_e)
+    if gain_factor is not None:
+        gain = np.reshape(gain * gain_factor, (-1, 1, 1)).astype(np.float32)
+    offset = np.float32(detector.offset_dn)
     for block, part in blocks(rows):
         e = electrons[:, part]
-        if tube is not None and dark > 0:
+        if tube is not None and np.any(dark > 0):
             draw = generator(seed, capture_key, Stage.DARK, block)
-            e = e + _poisson(draw, np.full(e.shape, dark, dtype=np.float32))
+            e = e + _poisson(draw, np.broadcast_to(np.float32(dark), e.shape))
         e = np.minimum(e, np.float32(detector.full_well_e))
         if detector.read_noise_e:
             draw = generator(seed, capture_key, Stage.READ, block)

@@ -12,7 +12,7 @@ from .captured import captured
 from .checked import checked
 from .choice import Rtol
 from .effect import GenerationWarning, sized, warn
-from .models import model_of
+from .models import first_rung, model_of
 from .request import Fidelity
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def generate(
     *,
     seed: int,
     capture_key: int | None = None,
-    fidelity: Fidelity = "direct",
+    fidelity: Fidelity | None = None,
     rtol: Rtol = 3e-3,
     truth_electrons: bool = False,
     truth_components: bool = False,
@@ -47,9 +47,9 @@ def generate(
         seed: with `capture_key`, names every random number.
     Other arguments:
         capture_key: index in a data set; by default the hash of the scene.
-        fidelity: the rung of the ladder; "direct" is one bounce without scattered light, "scatter" adds what the water
-            scatters forward and back, "full" adds all that "direct" leaves out by tracing paths,
-            "auto" takes the cheapest rung whose predicted error is below rtol.
+        fidelity: the rung of the ladder, by default the cheapest of the modality; "direct" is one bounce without scattered
+            light, "scatter" adds what the water scatters forward and back, "full" adds all that "direct" leaves out by
+            tracing paths, "auto" takes the cheapest rung whose predicted error is below rtol.
         rtol: relative error of the expected stack aimed at by sub-pixel sampling, and by the number of paths; with "auto"
             also "noise": one standard deviation of the detector's noise.
         truth_electrons: also keep the noise-free expectation of every sample.
@@ -65,6 +65,7 @@ def generate(
     refuse_forked()
     model = model_of(scene.modality)
     key = capture_key_of(scene) if capture_key is None else capture_key
+    fidelity = fidelity or first_rung(scene)
     request = checked(
         scene, seed=seed, capture_key=key, fidelity=fidelity, rtol=rtol, truth_electrons=truth_electrons,
         truth_components=truth_components, tracer=tracer,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -52,7 +52,7 @@ class Model(Generic[LightT]):
     Main arguments:
         name: the modality. rungs: the rungs that are built, from the cheapest.
         expect: (scene, request) -> expectation.
-        read: (scene, expectation, request) -> the capture's data, drawn by the detector.
+        read: (scene, expectation, request) -> the capture's data, drawn by the detector: an array, or several by name.
         effects: (scene, expectation, rung) -> every catalogued effect.
         choose: (scene, request) -> the cheapest rung whose predicted error passes. Raises InputError where none does.
     Other arguments:
@@ -64,7 +64,7 @@ class Model(Generic[LightT]):
     name: str
     rungs: tuple[str, ...]
     expect: Callable[[Scene, Request], Expected[LightT]]
-    read: Callable[[Scene, Expected[LightT], Request], NDArray[Any]]
+    read: Callable[[Scene, Expected[LightT], Request], NDArray[Any] | Mapping[str, NDArray[Any]]]
     effects: Callable[[Scene, Expected[LightT], str], list[Effect]]
     choose: Callable[[Scene, Request], Choice]
     check: Callable[[Scene, str], None] = _anything

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 from ..scenes.records import record_of
 
 if TYPE_CHECKING:
+    from ..scenes.scene import Scene
     from .model import Model
 
-__all__ = ["MODELS", "model_of"]
+__all__ = ["MODELS", "first_rung", "model_of"]
 
 #: modality -> "module:object"
 MODELS: dict[str, str] = {
@@ -17,6 +18,7 @@ MODELS: dict[str, str] = {
     "waveform": "beambench.generator.ranger.waveform:MODEL",
     "amcw": "beambench.generator.ranger.amcw:MODEL",
     "laser_line": "beambench.generator.laser_line.model:MODEL",
+    "wavefront": "beambench.generator.wavefront.model:MODEL",
 }
 
 
@@ -24,3 +26,8 @@ def model_of(modality: str) -> Model[Any]:
     """The forward model of a modality. Raises InputError where none is built."""
     model: Model[Any] = record_of(MODELS, modality, "There is no forward model of this modality.", "rig.kind")
     return model
+
+
+def first_rung(scene: Scene) -> Any:
+    """The cheapest rung of a scene's modality: what is rendered where no rung is named."""
+    return model_of(scene.modality).rungs[0]

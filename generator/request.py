@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Fidelity", "Request"]
 
-Fidelity = Literal["direct", "scatter", "full", "auto"]
+Fidelity = Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"]
 
 
 @dataclass(frozen=True)

@@ -71,11 +71,13 @@ def patch_corner_eq3_33(
 
 
 def predicted_error_m(
-    range_m: ArrayLike, *, pixel_m: float, focal_length_m: float, index: float, baseline_m: float, angle_rad: float
-) -> Float:
+    range_m: ArrayLike, *, pixel_m: float, focal_length_m: float, index: float, baseline_m: float, angle_rad: float,
+    aberration_m: float = 0.0,
+) -> Float:  # fmt: skip
     """Distance [m] of that corner from the laser less that of the pixel's centre, for points straight ahead at `range_m`.
 
-    About R² w/(2 n f b): the error grows with the square of the range.
+    w is the pixel's width with the greatest lateral aberration of the lens added (sec. 3.3.1 and 3.3.4), `aberration_m` [m] on
+    the sensor. About R² w/(2 n f b): the error grows with the square of the range.
     """
     r = np.asarray(range_m, np.float64)
     # The image of (0, 0, R) of the laser's frame: back through Eq. 3.24 and 3.25, then through the port.
@@ -83,5 +85,5 @@ def predicted_error_m(
     x, z = c * baseline_m - s * r, s * baseline_m + c * r
     sine = index * np.sin(np.arctan(x / z))
     d1 = focal_length_m * np.tan(np.arcsin(sine))
-    far = patch_corner_eq3_33(d1, 0.0, pixel_m, focal_length_m, index, baseline_m, angle_rad)
+    far = patch_corner_eq3_33(d1, 0.0, pixel_m + aberration_m, focal_length_m, index, baseline_m, angle_rad)
     return np.asarray(np.sqrt((far**2).sum(axis=0)) - r)

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
+from .npz import read_npy, read_npz
 from .readers.mesh_file import read_mesh_file
 from .readers.surface import Surface
-from .shapes import Box, HeightGrid, MeshFile, Rectangle, Shape
+from .relief import relief_heights
+from .shapes import Box, HeightGrid, MeshFile, PowerLawRelief, Rectangle, Shape
 from .spec_files import LIBRARY
 
 __all__ = [
@@ -61,6 +63,10 @@ def shape_mesh(shape: Shape, where: str) -> MeshArrays:
         return _box(shape)
     if isinstance(shape, HeightGrid):
         return _height_grid(shape, where)
+    if isinstance(shape, PowerLawRelief):
+        drawn = {name: getattr(shape, name) for name in ("slope", "rms_m", "outer_m", "inner_m", "seed")}
+        heights = relief_heights(shape.width_m, shape.height_m, shape.pitch_m, **drawn)
+        return _grid_mesh(heights, shape.pitch_m, shape)
     if isinstance(shape, MeshFile):
         return _mesh_file(shape, where)
     raise TypeError(f"no mesh for {type(shape).__name__}")
@@ -113,17 +119,17 @@ def read_array(name: str, where: str) -> NDArray[np.float64]:
         InputError: not such a file, or smaller than 2 × 2.
     """
     path = resolve_file(name, where)
+    grid: NDArray[Any] | None
     try:
         with open(path, "rb") as stream:
-            loaded: Any = np.load(stream, allow_pickle=False)
-            if isinstance(loaded, np.lib.npyio.NpzFile):
-                arrays = [loaded[key] for key in loaded.files]
-                arrays = [a for a in arrays if a.ndim == 2]
-                grid = arrays[0] if len(arrays) == 1 else None
-            else:
-                grid = loaded
-    except Exception as error:  # numpy, zipfile and zlib raise a dozen kinds on a damaged file
-        raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error}") from error
+            zipped = stream.read(4) == b"PK\x03\x04"
+    except OSError as error:
+        raise InputError("The grid file cannot be read.", where=where, value=f"{name}: {error.strerror}") from error
+    if zipped:
+        arrays = [a for a in read_npz(path, "The grid file", where=where).values() if a.ndim == 2]
+        grid = arrays[0] if len(arrays) == 1 else None
+    else:
+        grid = read_npy(path, "The grid file", where=where)
     if grid is None or grid.ndim != 2 or min(grid.shape) < 2 or not np.issubdtype(grid.dtype, np.number):
         raise InputError(
             "The file does not hold a grid of numbers.", where=where, value=name, allowed="one 2-D array, ≥ 2×2"
@@ -145,12 +151,16 @@ def load_grid(name: str, where: str) -> NDArray[np.float64]:
 
 def _height_grid(shape: HeightGrid, where: str) -> MeshArrays:
     heights = load_grid(shape.file, where)
+    relief = (heights - heights.min()) / np.ptp(heights) * shape.relief_m
+    return _grid_mesh(relief, shape.width_m / (heights.shape[1] - 1), shape)
+
+
+def _grid_mesh(heights: NDArray[np.float64], pitch: float, shape: HeightGrid | PowerLawRelief) -> MeshArrays:
+    """Triangles of heights (row, col) [m] toward the camera at a spacing of `pitch` [m], tilted and placed as the shape says."""
     rows, cols = heights.shape
-    pitch = shape.width_m / (cols - 1)
     x = (np.arange(cols) - (cols - 1) / 2) * pitch
     y = (np.arange(rows) - (rows - 1) / 2) * pitch
-    relief = (heights - heights.min()) / np.ptp(heights) * shape.relief_m
-    vertices = np.stack([*np.meshgrid(x, y), -relief], axis=-1).reshape(-1, 3)
+    vertices = np.stack([*np.meshgrid(x, y), -heights], axis=-1).reshape(-1, 3)
     vertices = vertices @ rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0)).T + np.asarray(shape.center_m)
     index = np.arange(rows * cols).reshape(rows, cols)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]

@@ -130,7 +130,7 @@ def _reach(item: TargetObject) -> float:
         return z + 0.5 * float(turn[0] * shape.width_m + turn[1] * shape.height_m)
     if isinstance(shape, MeshFile):
         return z + 0.5 * float(np.sqrt(3.0)) * float(shape.size_m)
-    return float("inf")  # a grid's height follows from its file
+    return float("inf")  # a grid's height follows from its file, that of a power law from its seed
 
 
 def _check_lamp(scene: Scene, who: str, at: Float, furthest: float) -> None:

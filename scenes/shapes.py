@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from .base import Positive, Spec, Vec3
 
-__all__ = ["Box", "HeightGrid", "MeshFile", "Rectangle", "Shape", "Sphere"]
+__all__ = ["Box", "HeightGrid", "MeshFile", "PowerLawRelief", "Rectangle", "Shape", "Sphere"]
+
+#: Heights of a relief, its waves beyond the patch included: 400 MB while it is drawn.
+_MOST_HEIGHTS = 1.6e7
 
 
 class Rectangle(Spec):
@@ -58,6 +61,40 @@ class HeightGrid(Spec):
     tilt_y_deg: Annotated[float, Field(gt=-90, lt=90)]
 
 
+class PowerLawRelief(Spec):
+    """A rough plane drawn from a power law, `width_m` along x and `height_m` along y before the tilt, which is a rectangle's.
+
+    Heights toward the camera are Gaussian, of mean 0 and `rms_m`; along every straight profile their spectrum falls with spatial
+    frequency as f^−slope between 1/`outer_m` and 1/`inner_m`, and they have no other waves. `pitch_m`: spacing of the mesh, at most
+    half of `inner_m`. `seed` decides the phases: equal seeds give equal surfaces.
+    """
+
+    kind: Literal["power-law"] = "power-law"
+    center_m: Vec3
+    width_m: Positive
+    height_m: Positive
+    tilt_x_deg: Annotated[float, Field(gt=-90, lt=90)]
+    tilt_y_deg: Annotated[float, Field(gt=-90, lt=90)]
+    slope: Annotated[float, Field(gt=1, lt=5)]
+    rms_m: Positive
+    outer_m: Positive
+    inner_m: Positive
+    pitch_m: Positive
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)]
+
+    @model_validator(mode="after")
+    def _scales_are_in_order(self) -> PowerLawRelief:
+        waves = 2.0 * self.outer_m / self.pitch_m
+        sides = (max(self.width_m / self.pitch_m, waves), max(self.height_m / self.pitch_m, waves))
+        if not 2.0 * self.pitch_m <= self.inner_m < self.outer_m:
+            found = f"{self.pitch_m}, {self.inner_m}, {self.outer_m}"
+            raise ValueError(f"the scales should be 2 pitch_m <= inner_m < outer_m, not {found}")
+        if sides[0] * sides[1] > _MOST_HEIGHTS:
+            count = f"{sides[0] * sides[1]:.3g}"
+            raise ValueError(f"the relief has {count} heights, of at most {_MOST_HEIGHTS:.3g}: raise pitch_m")
+        return self
+
+
 class MeshFile(Spec):
     """A mesh file (.obj, .ply, .stl, .off, .gltf, .glb, .3mf, each also .gz), centred on its bounds and scaled so that its
     largest extent is `size_m`. Faces without area do not count."""
@@ -69,4 +106,4 @@ class MeshFile(Spec):
     rotation_deg: Vec3
 
 
-Shape = Annotated[Rectangle | Sphere | Box | HeightGrid | MeshFile, Field(discriminator="kind")]
+Shape = Annotated[Rectangle | Sphere | Box | HeightGrid | PowerLawRelief | MeshFile, Field(discriminator="kind")]

@@ -14,7 +14,7 @@ from .base import Spec
 from .errors import InputError
 from .meshes import load_grid, read_array, resolve_file
 from .readers.png import png_damage
-from .shapes import HeightGrid, Rectangle, Sphere
+from .shapes import HeightGrid, PowerLawRelief, Rectangle, Sphere
 
 __all__ = ["Texture", "bilinear", "load_texture", "surface_uv"]
 
@@ -121,10 +121,10 @@ def surface_uv(shape: Any, point: Float) -> tuple[Float, Float]:
     if isinstance(shape, Sphere):
         u = 0.5 + np.arctan2(offset[0], -offset[2]) / (2.0 * np.pi)
         return u, np.arccos(np.clip(-offset[1] / np.linalg.norm(offset, axis=0), -1.0, 1.0)) / np.pi
-    if not isinstance(shape, Rectangle | HeightGrid):
+    if not isinstance(shape, Rectangle | HeightGrid | PowerLawRelief):
         raise TypeError(f"no uv for {type(shape).__name__}")
     local = rotation_matrix((shape.tilt_x_deg, shape.tilt_y_deg, 0.0)).T @ offset
-    height = shape.height_m if isinstance(shape, Rectangle) else 0.0
+    height = shape.height_m if isinstance(shape, Rectangle | PowerLawRelief) else 0.0
     if isinstance(shape, HeightGrid):
         rows, cols = load_grid(shape.file, "target").shape
         height = shape.width_m * (rows - 1) / (cols - 1)

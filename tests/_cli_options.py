@@ -108,6 +108,7 @@ estimators new: --debug <flag> default False
 estimators new: --json <flag> default False
 estimators new: --out -o <text> default None
 estimators new: --overwrite <flag> default False
+estimators new: --stage <text> default None
 estimators new: NAME <text> required
 estimators train: --data <text...> required
 estimators train: --debug <flag> default False
@@ -132,7 +133,7 @@ fidelity: --resume <flag> default False
 fidelity: --scenes <number> default 60
 fidelity: --seed <number> default 1
 generate: --debug <flag> default False
-generate: --fidelity <{direct,scatter,full,auto}> default None
+generate: --fidelity <{direct,scatter,full,geometric,isolated,coherent,auto}> default None
 generate: --json <flag> default False
 generate: --like <text> default None
 generate: --out -o <text> default None

@@ -10,9 +10,11 @@ from beambench.estimators.declared import Key
 from beambench.estimators.gated.tools.declared import GATED_KEYS
 from beambench.estimators.laser_line.declared import LASER_LINE_KEYS
 from beambench.estimators.waveform.declared import WAVEFORM_KEYS
+from beambench.estimators.wavefront.declared import WAVEFRONT_KEYS
 
 TABLES: dict[str, tuple[Key, ...]] = {
     "gated": GATED_KEYS, "waveform": WAVEFORM_KEYS, "amcw": AMCW_KEYS, "laser_line": LASER_LINE_KEYS,
+    "wavefront": WAVEFRONT_KEYS,
 }  # fmt: skip
 
 

@@ -153,7 +153,7 @@ def test_dispatch_knows_what_it_scores() -> None:
     capture = generate(load_scene("amcw", {"rig.shots": 3}), seed=1)
     np.testing.assert_array_equal(bound_of(capture).sigma, amcw_bound(capture).sigma)
     with pytest.raises(InputError, match="does not score"):
-        bound_of(example_capture("wavefront"))
+        bound_of(example_capture("amcw").assign_attrs(modality="unknown"))
 
 
 def test_a_calibrated_response_comes_from_a_noisy_record_of_the_true_one() -> None:

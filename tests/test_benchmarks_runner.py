@@ -116,6 +116,18 @@ def nan_valid(capture):
     return result
 
 @planted
+def absurd(capture):
+    result = good(capture)
+    result["range"][0, 0] = 1e155
+    return result
+
+@planted
+def tiny_sigma(capture):
+    result = good(capture)
+    result["sigma"][0, 0] = 1e-200
+    return result
+
+@planted
 def bad_sigma(capture):
     result = good(capture)
     result["sigma"][1, 1] = np.inf
@@ -232,6 +244,8 @@ def test_a_good_estimator_gives_arrays_times_and_memory(plugins: Path, tmp_path:
         ("transposed", "invalid: range has dims ('col', 'row'), not ('row', 'col')"),
         ("no-dataset", "invalid: returned ndarray, not a Dataset"),
         ("nan-valid", "invalid: range is not finite at 1 elements marked valid"),
+        ("absurd", "invalid: range is beyond 1e+30 at 1 elements marked valid"),
+        ("tiny-sigma", "invalid: sigma is not finite and positive at 1 elements marked valid"),
         ("bad-sigma", "invalid: sigma is not finite and positive at 1 elements marked valid"),
         ("objects", "invalid: range is of type object"),
         ("floods", "flood: printed over 1048576 bytes"),

@@ -28,10 +28,14 @@ LEVELS = {
     "gain": 0.5,
     "absorption": 0.1,
     "wrong-index": 0.01,
+    "wrong-phase-index": 0.01,
+    "wrong-stand-off": -0.01,
+    "wrong-baseline": 1e-3,
     "wrong-t0": 1e-10,
     "wrong-pulse": 0.2,
     "wrong-gate": 0.2,
     "attenuation-lengths": 2.0,
+    "turbidity": 2.0,
     "specular": 0.5,
     "full-well": 0.5,
     "motion": 1.0,
@@ -49,6 +53,9 @@ STRESSES = (
 #: What a few axes need of the scene.
 NEEDS = {
     "attenuation-lengths": ("harbour-wall", {}),
+    "turbidity": ("harbour-wall", {}),
+    "wrong-stand-off": ("spotscan-wall", {}),
+    "wrong-baseline": ("spotscan-wall", {}),
     "phosphor": (
         "flat-wall",
         {"rig.detector.intensifier": {"gain": 50.0, "excess_noise_factor": 2.0, "phosphor_sigma_px": 0.0}},

@@ -36,9 +36,11 @@ def test_every_suite_that_ships_loads_and_names_known_estimators() -> None:
 
 def test_the_quickstart_is_as_large_as_promised() -> None:
     loaded = load_suite("quickstart")
-    assert len(loaded.scenes) >= 3
+    gated = [scene for _, scene in loaded.scenes if scene.modality == "gated"]
+    assert len(gated) >= 3
+    assert [scene.modality for _, scene in loaded.scenes if scene.modality != "gated"] == ["laser_line"]
     assert set(loaded.suite.conditions) == {"matched", "calibrated"}
-    for _, scene in loaded.scenes:
+    for scene in gated:
         assert scene.rig.camera.rows >= 256
         assert scene.rig.camera.cols >= 256
         assert scene.rig.delays.count * len(scene.rig.gates) >= 64

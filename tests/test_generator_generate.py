@@ -15,6 +15,7 @@ from beambench.captures.validate import validate
 from beambench.generator.generate import GenerationWarning, capture_key_of, generate
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import list_scenes, load_scene
+from beambench.scenes.rigs import RIGS
 from beambench.scenes.rigs.gated import gated_rig
 from beambench.scenes.scene import Scene
 
@@ -22,7 +23,7 @@ SMALL = {"rig.camera.rows": 24, "rig.camera.cols": 20}
 
 
 def test_the_library_holds_scenes_of_every_kind() -> None:
-    assert {load_scene(name).modality for name in list_scenes()} == {"gated", "waveform", "amcw", "laser_line"}
+    assert {load_scene(name).modality for name in list_scenes()} == set(RIGS)
 
 
 @pytest.mark.parametrize("name", [name for name in list_scenes() if load_scene(name).modality == "gated"])

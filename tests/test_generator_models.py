@@ -34,7 +34,7 @@ def test_every_kind_of_rig_that_scenes_have_has_a_model() -> None:
     assert set(MODELS) <= set(RIGS) and MODELS
     for name in MODELS:
         model = model_of(name)
-        assert isinstance(model, Model) and model.name == name and model.rungs[0] == "direct"
+        assert isinstance(model, Model) and model.name == name and model.rungs[0] in ("direct", "geometric")
         assert set(model.apart) <= set(model.rungs)
         assert not model.clock or model.clock in layout_of(name).by_name
     with pytest.raises(InputError, match="no forward model"):

@@ -80,7 +80,7 @@ def test_every_value_that_is_read_is_in_the_table(name: str, monkeypatch: pytest
     assert asked - known == {"kind", "schema"}
 
 
-@pytest.mark.parametrize("name", ["peak", "waveform-average", "amcw-phase", "line-ml"])
+@pytest.mark.parametrize("name", ["peak", "waveform-average", "amcw-phase", "line-ml", "spot-ml"])
 def test_all_that_is_wrong_is_listed_at_once(name: str) -> None:
     one = get_estimator(name)
     maker = Maker(maker_of(one.stage.word).laws, one.stage, one.unfit)
@@ -108,3 +108,16 @@ def test_a_wrong_value_stands_beside_a_missing_one() -> None:
     for place in ("gates", "detector.adc_bits", "medium.group_index"):
         assert place in caught.value.where
     assert caught.value.value == {"gates": [], "detector.adc_bits": 0.5}
+
+
+def test_the_example_of_a_wavefront_runs(project: Path) -> None:
+    """A plane wave that moves spots by (.6, −.3) px: coefficients k s D/4, within five standard errors; the rest is zero."""
+    code = example(project, "wavefront")
+    assert len([line for line in code.splitlines() if line]) <= 23
+    names: dict[str, Any] = {}
+    exec(code, names)
+    found = names["found"]
+    exact = np.zeros(5)
+    exact[:2] = 2 * np.pi / 532e-9 * np.array([0.6, -0.3]) * 2e-5 / 5e-3 * 1.2e-3 / 4
+    assert found["valid"].values.all()
+    assert np.abs((found["zernike"].values[0] - exact) / found["sigma"].values[0]).max() < 5

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from beambench.captures.layouts import LAYOUTS
+from beambench.generator.models import MODELS
 from beambench.health.modalities import NOT_YET, floors, modalities
 
 from ._imports import FLOORS, circles, files_of, graph_of, imports_of
@@ -20,7 +21,8 @@ from ._imports import FLOORS, circles, files_of, graph_of, imports_of
 ORDER: dict[str, tuple[str, ...]] = {
     "optics": (
         "constants", "jit", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry", "illumination",
-        "reflection", "ladar", "likelihood", "pile_up", "time_of_flight",
+        "reflection", "ladar", "likelihood", "pile_up", "time_of_flight", "zernike", "turbulence", "lenslets",
+        "reconstruction",
     ),
     "scenes": (
         "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
@@ -30,12 +32,12 @@ ORDER: dict[str, tuple[str, ...]] = {
         "export", "contents",
     ),
     "generator": (
-        "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "models", "checked", "preview",
-        "captured", "generate",
+        "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",
+        "preview", "captured", "generate",
     ),
     "estimators": (
         "labels", "rig", "declared", "response", "result", "builtin", "chain", "registry", "fit", "gated", "waveform", "amcw",
-        "laser_line", "calibration",
+        "laser_line", "wavefront", "calibration",
         "listing", "package",
     ),
     "benchmarks": (
@@ -234,9 +236,12 @@ def test_a_modality_outside_its_files_is_found() -> None:
 
 
 def test_a_modality_without_record_or_reason_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(NOT_YET, ("generator", "wavefront"))
-    (finding,) = (one for one in modalities() if one.name == "wavefront")
+    monkeypatch.delitem(MODELS, "amcw")
+    (finding,) = (one for one in modalities() if one.name == "amcw")
     assert finding.state == "broken" and "no reason given" in finding.advice
+    monkeypatch.setitem(NOT_YET, ("generator", "amcw"), "not built")
+    (finding,) = (one for one in modalities() if one.name == "amcw")
+    assert finding.state == "missing" and "not built" in finding.advice
 
 
 def test_a_foreign_import_is_found() -> None:

@@ -53,9 +53,9 @@ def test_excess_noise_is_part_of_the_stated_error(name: str) -> None:
     "name", ["line-peak", "line-parabola", "line-log-gaussian", "line-centroid", "line-window-centroid"]
 )
 def test_the_stated_error_of_a_wide_line_is_not_too_small(name: str, width: float, electrons: float) -> None:
-    """Noise chooses among pixels that are nearly as bright: left out, the errors are 1.5 to 34 stated ones. Formulas that stay
-    beside the peak state up to 1.8 times their error."""
-    assert 0.5 < _z_rms(name, electrons, width) < 1.25
+    """Noise chooses among pixels that are nearly as bright: left out, the errors are 1.5 to 34 stated ones. The centre of mass
+    about the peak states up to 1.5 times its error; the vertex of a curve, which follows the peak less, 1.3 times at most."""
+    assert (0.75 if name in ("line-parabola", "line-log-gaussian") else 0.6) < _z_rms(name, electrons, width) < 1.25
 
 
 def test_the_line_of_the_brightest_pixel_is_the_first_return() -> None:

@@ -57,12 +57,15 @@ def estimators_check(estimator: str) -> list[LawResult]:
     return try_laws(estimator)
 
 
-def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool = False) -> Path:
+def estimators_new(
+    name: str, *, stage: str | None = None, out: str | Path | None = None, overwrite: bool = False
+) -> Path:
     """Write a small package with a working estimator of your own, its entry point and its test.
 
     Main arguments:
         name: Lower-case letters, digits and dashes, e.g. my-median.
     Other arguments:
+        stage: What the estimator reads and gives, as "line": a finder of laser lines; the range from gated images by default.
         out: Folder of the package; ./beambench-runs/<name>-<time> by default.
         overwrite: Replace the files of an earlier package.
 
@@ -70,13 +73,14 @@ def estimators_new(name: str, *, out: str | Path | None = None, overwrite: bool 
         The folder.
 
     Raises:
-        InputError: A name that cannot be used or is taken, or an output that exists.
+        InputError: A name that cannot be used or is taken, a stage without a template, or an output that exists.
     """
-    from ..estimators.package import check_name, is_package, write_package
+    from ..estimators.package import check_name, is_package, template_of, write_package
 
     check_name(name)
+    template = template_of(stage)
     folder = claim(out, name, overwrite=overwrite, ours=is_package)
-    write_package(folder, name)
+    write_package(folder, name, template)
     return folder
 
 
@@ -120,4 +124,8 @@ def estimators_train(
     if not isinstance(out, str | Path):
         raise InputError("The weights are written to a file.", where="out", value=out, allowed="a path, as w.npz")
     check_free(out, overwrite=overwrite)
+    if local_path(out).exists():
+        from ..estimators.gated.learned import read_weights
+
+        read_weights(str(local_path(out)))  # no other file is replaced
     return train(paths, local_path(out), units=units, ridge=ridge, seed=seed)

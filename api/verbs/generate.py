@@ -22,7 +22,7 @@ def generate(
     *,
     overrides: Mapping[str, Any] | None = None,
     seeds: Sequence[int] | None = None,
-    fidelity: Literal["direct", "scatter", "full", "auto"] | None = None,
+    fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] | None = None,
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: bool = False,
     truth_components: bool = False,
@@ -43,7 +43,7 @@ def generate(
         overrides: {path: value}, applied before validation.
     Other arguments:
         seeds: Seed of a scene's capture, a whole number; 0 by default. A suite has seeds of its own.
-        fidelity: Rung of the forward model, by default the suite's or direct; auto takes the cheapest with an error below `rtol`.
+        fidelity: Rung of the forward model, the suite's or the cheapest by default; auto: the cheapest with an error below `rtol`.
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.

@@ -106,6 +106,7 @@ def _levels(capture: xr.Dataset, truth: Float, rig: LaserLineRig) -> Float:
 
 def _plain(rig: LaserLineRig) -> bool:
     still = not any(rig.motion_m_per_s or ()) and not any(rig.turn_rad_per_s or ())
+    still = still and rig.auto_exposure is None
     drawn = rig.effects is not None and (rig.effects.speckle_looks is not None or rig.effects.blooming is not None)
     return still and not drawn and rig.detector.prnu == 0 and rig.detector.dsnu_e == 0
 

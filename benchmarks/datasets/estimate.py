@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,17 +113,18 @@ def _finished(path: Path, label: str, captures: CaptureSet) -> bool:
 def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Progress) -> Iterator[Estimates]:
     """The answers of each estimator to all captures, one estimator after the other."""
     from ..folders.kinds import slug
+    from ..runner.scratch import scratch_folder
     from ..runner.session import run_jobs
     from ..runner.spool import unusable
 
     if not labels:
         return
-    try:
-        space = tempfile.TemporaryDirectory(prefix="beambench-")
-    except OSError as error:
-        raise unusable(error) from error
-    with space as scratch:
-        jobs = _jobs(captures, Path(scratch))
+    with ExitStack() as folders:
+        try:
+            scratch = folders.enter_context(scratch_folder("estimate"))
+        except OSError as error:
+            raise unusable(error) from error
+        jobs = _jobs(captures, scratch)
         done = 0
         for label in labels:
             outcomes: list[Outcome] = []
@@ -134,7 +135,7 @@ def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Prog
                 done += 1
                 tell("estimate", done, len(jobs) * len(labels), f"{label}: {outcome.status}")
 
-            run_jobs(label, jobs, limits, Path(scratch) / slug(label), keep)
+            run_jobs(label, jobs, limits, scratch / slug(label), keep)
             yield _estimates(label, captures, outcomes)
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Fidelity", "Item", "Rtol", "check_items", "is_suite", "items_of", "planned"]
 
-Fidelity = Literal["direct", "scatter", "full", "auto"]
+Fidelity = Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"]
 Rtol = float | Literal["noise"]
 
 #: Bytes that generation needs per sample (electrons in float32, counts in uint16) and per slice (its coordinates).
@@ -63,6 +63,7 @@ def items_of(
     Raises:
         InputError: No such scene or suite, seeds for a suite (it has its own), or as `check_items`.
     """
+    from ...generator.models import first_rung
     from ...scenes.load import load_scene
     from ..suites.suite import CELL_NONE, cells_of, load_suite
 
@@ -86,7 +87,9 @@ def items_of(
         numbers = _seeds(seeds)
         scene = load_scene(source, overrides)
         aimed = 1e-3 if rtol is None else rtol
-        groups[""] = [Item(scene, n, None, fidelity or "direct", aimed, electrons, components) for n in numbers]
+        groups[""] = [
+            Item(scene, n, None, fidelity or first_rung(scene), aimed, electrons, components) for n in numbers
+        ]
     check_items([item for items in groups.values() for item in items])
     return groups
 

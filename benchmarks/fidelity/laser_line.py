@@ -144,7 +144,7 @@ class _Rungs:
             parts = light.scattered if rung == "scatter" else None
             return light.line if parts is None else light.line + parts.curtain + parts.halo
         light = self.light(SAMPLING * share)
-        return np.asarray(self.known(light) + self.rest(light, SAMPLING * share, seed, MOST_SAMPLES)[0])
+        return np.asarray(self.known(light) + self.rest(light, SAMPLING * share, seed, MOST_SAMPLES)[0], np.float64)
 
     def known(self, light: FrameLight) -> Image:
         """Line and curtain."""

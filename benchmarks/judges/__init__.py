@@ -15,6 +15,7 @@ JUDGES: dict[str, str] = {
     "waveform": "beambench.benchmarks.judges.waveform:JUDGE",
     "amcw": "beambench.benchmarks.judges.amcw:JUDGE",
     "laser_line": "beambench.benchmarks.judges.laser_line:JUDGE",
+    "wavefront": "beambench.benchmarks.judges.wavefront:JUDGE",
 }
 
 

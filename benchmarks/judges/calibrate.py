@@ -60,14 +60,14 @@ class Calibrations:
 
 
 def calibrated_rig(scene: Scene, declared: str, calibration: Calibration, *, seed: int = 0, key: int = 0) -> str:
-    """The declared rig (JSON), with the waveforms that a calibration recovers from simulated records of the true instrument.
+    """The declared rig (JSON), with what a calibration recovers from simulated records of the true instrument.
 
     Main arguments:
-        scene: the scene whose rig is recorded. declared: the capture's attribute `rig`. calibration: photons and seed.
+        scene: the scene whose rig is recorded. declared: the capture's attribute `rig`. calibration: the suite's noise and seed.
     Other arguments:
         seed, key: identify the draw, as for a capture: SeedSequence((calibration.seed, seed), spawn_key=(key, record, gate)).
 
-    A rig that declares no waveform is returned unchanged.
+    A rig that declares nothing which a calibration recovers is returned unchanged.
     """
     calibrate = judge_of(scene.modality).calibrate
     if calibrate is None:

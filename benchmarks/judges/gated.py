@@ -22,12 +22,12 @@ def _calibrated(scene: Scene, rig: dict[str, Any], calibration: Calibration, dra
     """The declared rig with pulse and gates recovered from records of the true ones."""
     step, true = float(rig["pulse"]["step_s"]), gated_rig(scene)
     rng = draw(Record.PULSE, 0)
-    time, counts = record_pulse(optics_pulse(true.laser.pulse), step, calibration.pulse_photoelectrons, rng)
+    time, counts = record_pulse(optics_pulse(true.laser.pulse), step, calibration.of("pulse_photoelectrons"), rng)
     pulse = pulse_from_trace(float(time[0]), step, counts)
     gates = []
     for block, (gate, old) in enumerate(zip(true.gates, rig["gates"], strict=True)):
         rng = draw(Record.GATE, block)
-        delay, counts = record_gate(optics_gate(gate), step, calibration.gate_photoelectrons, rng)
+        delay, counts = record_gate(optics_gate(gate), step, calibration.of("gate_photoelectrons"), rng)
         # The scan yields the shape only; the height is part of the photon transfer, which the declared rig already holds.
         gates.append(gate_from_scan(float(delay[0]), step, counts, transmission=max(old["value"])))
     rig["pulse"], rig["gates"] = pulse, gates

@@ -8,23 +8,28 @@ import numpy as np
 import xarray as xr
 
 from ..bounds.laser_line import laser_line_bounds
+from ..bounds.laser_line_roughness import roughness_bounds
 from ..scores.truth import Truth
 from .judge import Judge
+from .laser_line_boards import board_calibration
 
 __all__ = ["JUDGE"]
 
 
 def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
-    """The true column [px] and point [m]. Every lit surface of a row is a return of its own, that of the brightest pixel first."""
-    return {name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in ("column", "point")}
+    """The true column [px] and point [m]. Every lit surface of a row is a return of its own, that of the brightest pixel first.
+    Slope and level of a surface that was drawn from a power law."""
+    names = ("column", "point", *(name for name in ("slope", "level") if f"truth_{name}" in capture))
+    return {name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in names}
 
 
 JUDGE = Judge(
     truth=_truth,
-    bound=laser_line_bounds,
+    bound=lambda capture: {**laser_line_bounds(capture), **roughness_bounds(capture)},
+    calibrate=board_calibration,
     neighbours=("line-ml", "line-log-gaussian", "line-centroid"),
     scenes=("spotscan-wall",),
-    feeders={"triangulation": "line-erf"},
+    feeders={"triangulation": "line-erf", "spectrum": "line-erf+triangulate-refractive"},
     laws="beambench.benchmarks.laws.laser_line:LAWS",
     rungs="beambench.benchmarks.fidelity.laser_line:BENCH",
 )

@@ -28,7 +28,7 @@ def _calibrated(scene: Scene, rig: dict[str, Any], calibration: Calibration, dra
     step, weight = float(old["step_s"]), np.asarray(old["value"], np.float64)
     mean_time = float(old["start_s"]) + step * float((np.arange(weight.size) * weight).sum() / weight.sum())
     pulse, _ = shown_pulse(waveform_rig(scene))
-    time, counts = record_pulse(pulse, step, calibration.pulse_photoelectrons, draw(Record.PULSE, 0))
+    time, counts = record_pulse(pulse, step, calibration.of("pulse_photoelectrons"), draw(Record.PULSE, 0))
     found = pulse_from_trace(float(time[0]), step, counts)
     rig["response"] = found | {"start_s": found["start_s"] + mean_time}
     return rig

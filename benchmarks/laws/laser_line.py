@@ -9,12 +9,17 @@ import xarray as xr
 
 from ...scenes.load import load_scene
 from ..written.laser_line import written_capture
+from ..written.laser_line_profiles import drawn_heights
 from .maker import Laws
 
-__all__ = ["LAWS", "clean_capture"]
+__all__ = ["LAWS", "clean_capture", "survey_capture"]
 
 _ROWS = 48
 _ELECTRONS, _WIDTH_PX, _BACKGROUND = 4e4, 0.75, 20.0
+_CAMERA = {
+    "rig.camera.cols": 96, "rig.detector.adc_bits": 12, "rig.detector.gain_dn_per_e": 0.05,
+    "rig.detector.offset_dn": 100.0, "rig.detector.read_noise_e": 20.0, "rig.lens_sigma_px": 0.735,
+}  # fmt: skip
 #: Columns by which the image is moved.
 _SHIFT = 3
 
@@ -24,15 +29,17 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
 
     A converter of 12 bits, and an offset well above the noise, so that a count of 0 is a dead pixel.
     """
-    scene = load_scene(
-        "spotscan-wall",
-        {
-            "rig.camera.rows": _ROWS, "rig.camera.cols": 96, "rig.detector.adc_bits": 12, "rig.detector.gain_dn_per_e": 0.05,
-            "rig.detector.offset_dn": 100.0, "rig.detector.read_noise_e": 20.0, "rig.lens_sigma_px": 0.735,
-        },
-    )  # fmt: skip
+    scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": _ROWS})
     column = 40.0 + 3.0 * np.linspace(0, 1, 2 * _ROWS).reshape(2, _ROWS)
     return written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, column, seed=seed)
+
+
+def survey_capture(seed: int = 1) -> xr.Dataset:
+    """Twelve frames of 144 rows, whose lines wander as a power law of slope 2.5 by some pixels: profiles of a rough surface."""
+    scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": 144, "rig.frames.lit": 12})
+    rng = np.random.default_rng(seed)
+    wander = drawn_heights(rng, 144, 1.0, 2.5, 3e-6, profiles=12, period=1152)
+    return written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, 45.0 + wander, seed=seed)
 
 
 def _later(capture: xr.Dataset) -> tuple[xr.Dataset, float]:
@@ -48,6 +55,11 @@ def _point_step(capture: xr.Dataset) -> float:
     return 0.0116
 
 
+def _slope_step(capture: xr.Dataset) -> float:
+    """A column of light more or less in every row may change the slope of a spectrum by its own size."""
+    return 1.0
+
+
 def _converter(rig: dict[str, Any]) -> dict[str, Any]:
     part: dict[str, Any] = rig["detector"]
     return part
@@ -55,5 +67,5 @@ def _converter(rig: dict[str, Any]) -> dict[str, Any]:
 
 LAWS = Laws(
     (clean_capture,), "an image moved by whole columns, columns moved as far", _later, _step, _converter,
-    {"triangulation": _point_step},
+    {"triangulation": _point_step, "spectrum": _slope_step}, {"spectrum": (survey_capture,)},
 )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -41,6 +42,7 @@ class Laws:
         step: capture -> change of the answer that belongs to one sample of the data [same unit].
         steps: word of a stage that reads the results of another -> capture -> change of its answer that belongs to one sample
             of the data. No law of shifts or of order is tried on such a stage.
+        own: word of a stage -> makers of its clean captures, where those of `captures` do not hold what it reads.
         converter: declared rig -> the part of it, inside the same object, that holds `gain_dn_per_e`, `offset_dn` and
             `adc_bits`; None where the detector has no converter.
     """
@@ -51,6 +53,7 @@ class Laws:
     step: Callable[[xr.Dataset], float]
     converter: Callable[[dict[str, Any]], dict[str, Any] | None]
     steps: Mapping[str, Callable[[xr.Dataset], float]] = field(default_factory=dict)
+    own: Mapping[str, tuple[Callable[[], xr.Dataset], ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ class Maker:
     ) -> None:
         self.laws, self.stage, self.layout, self.joint = laws, stage, layout_of(stage.modality), joint
         reasons = []
-        for make in laws.captures:
+        for make in laws.own.get(stage.word, laws.captures):
             capture = make()
             if not (reason := unfit(capture)):
                 self._clean = hide_truth(capture)
@@ -162,7 +165,10 @@ class Maker:
     def _answer(self, result: xr.Dataset, at: int) -> Answer:
         quantity = self.stage.gives[at]
         names = self.stage.variables(quantity)
-        value, sigma, valid = (result[name].transpose(*self.layout.element, ...).values for name in names.all)
+        whole = set(self.layout.element) <= set(quantity.dims)
+        first = self.layout.element if whole else quantity.element_dims
+        value, sigma, valid = (result[name].transpose(*first, ...).values for name in names.all)
         valid = valid.astype(bool).reshape(valid.shape + (1,) * (value.ndim - valid.ndim))
-        flat = (self.elements, -1)
+        # A quantity of the capture as a whole is one that its elements do not have.
+        flat = (self.elements if whole else math.prod(value.shape[: len(first)]), -1)
         return Answer(value.reshape(flat), sigma.reshape(flat), np.broadcast_to(valid, value.shape).reshape(flat))

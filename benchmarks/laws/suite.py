@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...captures.quantities import possible_sigma, possible_value
 from ...estimators.result import check_result
 from ...scenes.errors import InputError
 from .maker import Answer, Change, Maker, Run
@@ -135,7 +136,7 @@ def answers(run: Run, maker: Maker) -> str:
 
 def positive_sigma(run: Run, maker: Maker) -> str:
     """Every valid answer has a finite standard error above 0."""
-    bad = sum(int((a.valid & ~(np.isfinite(a.sigma) & (a.sigma > 0))).sum()) for a in maker.answers(run(maker.clean())))
+    bad = sum(int((a.valid & ~possible_sigma(a.sigma)).sum()) for a in maker.answers(run(maker.clean())))
     return f"Valid answers without a positive sigma: {bad}." if bad else ""
 
 
@@ -227,7 +228,7 @@ def _unsound(result: xr.Dataset, maker: Maker) -> str:
     bad = 0
     for answer in maker.answers(result):
         with np.errstate(invalid="ignore"):
-            sound = np.isfinite(answer.value) & np.isfinite(answer.sigma) & (answer.sigma > 0)
+            sound = possible_value(answer.value) & possible_sigma(answer.sigma)
         bad += int((answer.valid & ~sound).sum())
     return f"Valid answers without a finite value and a positive sigma: {bad}." if bad else ""
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scenes.errors import InputError
+from ...scenes.npz import read_npz
 
 __all__ = [
     "DIVERGING",
@@ -92,13 +93,13 @@ def read_pictures(folder: Path) -> list[Picture]:
 def _read(path: Path) -> Picture:
     scene, _, estimator = path.stem.partition("__")
     try:
-        with np.load(path, allow_pickle=False) as data:
-            first = "value" if "value" in data else "range"  # files of older runs hold ranges
-            arrays = {name: np.asarray(data[name]) for name in (first, "truth", "error", "valid")}
-            words = {name: str(data[name]) for name in _WORDS if name in data}
-            shown = tuple(map(str, data["shown"])) if "shown" in data else ("1e3", "mm")
-            scale = float(shown[0]), shown[1]
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zlib.error, NotImplementedError) as error:
+        data = read_npz(path, "A picture file")
+        first = "value" if "value" in data else "range"  # files of older runs hold ranges
+        arrays = {name: data[name] for name in (first, "truth", "error", "valid")}
+        words = {name: str(data[name]) for name in _WORDS if name in data}
+        shown = tuple(map(str, data["shown"])) if "shown" in data else ("1e3", "mm")
+        scale = float(shown[0]), shown[1]
+    except (ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError("A picture file cannot be read.", where=str(path), value=str(error)) from error
     shape = arrays[first].shape
     if len(shape) != 2 or not 0 < arrays[first].size <= _MAX_ELEMENTS or any(a.shape != shape for a in arrays.values()):

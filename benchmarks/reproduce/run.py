@@ -45,7 +45,11 @@ WITHOUT_ROWS = {
 }
 
 #: Items of other sources, and of Kusters 1992, which follow.
-OTHERS = ("Wang 2013, AO 52:7399", "Accuracy of 5 mm at 1 m", "Figure 3.6", "Figure 3.7")
+OTHERS = (
+    "Wang 2013, AO 52:7399", "Accuracy of 5 mm at 1 m", "Figure 3.6", "Figure 3.7",
+    "Eq. 4.6", "Eq. 4.7", "Figure 4.14", "Figure 4.15", "Table 4.1", "Table 4.2",
+    *(f"Figure 5.{n}" for n in range(7, 17)), "Profile selection and resampling", "Detrend, taper and spectrum",
+)  # fmt: skip
 
 Progress = Callable[[str], None]
 
@@ -73,11 +77,17 @@ def all_rows(say: Progress | None = None, only: str | None = None) -> list[Row]:
     from .pixel_patch import pixel_patch_rows
     from .ranger import ranger_rows
     from .reflection import reflection_rows
+    from .roughness import roughness_rows
     from .surfaces import figure_2_rows
     from .table_1 import table_1_rows
+    from .tank import tank_rows
     from .triangular import triangular_rows
 
-    kusters: tuple[str, Callable[[], list[Row]]] = ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows)
+    kusters: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
+        ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows),
+        ("Kusters 1992, chapter 4: range errors in the tank", tank_rows),
+        ("Kusters 1992, chapter 5: roughness of the seafloor", roughness_rows),
+    )
     parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("Eq. 1-6, 19 and 22: received power", ladar_rows), ("Figure 2: reflection model", figure_2_rows),
         ("Figures 3 and 4: photodetector, reflectivity and incidence", reflection_rows),
@@ -88,7 +98,7 @@ def all_rows(say: Progress | None = None, only: str | None = None) -> list[Row]:
         ("Eq. 23 and 24: generated stacks", model_rows),
         ("AO 52:7399: triangular against trapezoidal profiles", triangular_rows),
     )  # fmt: skip
-    parts = {None: (*parts, kusters), "000": parts, "001": (kusters,)}[only]
+    parts = {None: (*parts, *kusters), "000": parts, "001": kusters}[only]
     rows: list[Row] = []
     for name, make in parts:
         if say is not None:

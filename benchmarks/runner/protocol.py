@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...captures.quantities import Quantity, Stage
+from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
 
-__all__ = ["THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "write_capture", "write_meta"]
+__all__ = [
+    "THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "unsound", "write_capture", "write_meta",
+]  # fmt: skip
 
 #: Longest dimension that an estimator may choose.
 _LONGEST = 65536
@@ -128,10 +130,20 @@ def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dic
         if mapped.dtype.kind != ("b" if name in flags else "f"):
             return {}, f"{name} is of type {mapped.dtype}"
         arrays[name] = np.array(mapped, dtype=bool if name in flags else np.float64)
+    wrong = unsound(arrays, stage)
+    return ({}, wrong) if wrong else (arrays, "")
+
+
+def unsound(arrays: dict[str, np.ndarray], stage: Stage) -> str:
+    """Reason why the numbers of an answer are invalid, or "": types, and values that are none."""
+    for name, array in arrays.items():
+        flag = name in {stage.variables(quantity).valid for quantity in stage.gives}
+        if array.dtype.kind != ("b" if flag else "f"):
+            return f"{name} is of type {array.dtype}"
     for quantity in stage.gives:
         if wrong := _not_finite(arrays, stage, quantity):
-            return {}, wrong
-    return arrays, ""
+            return wrong
+    return ""
 
 
 def _not_finite(arrays: dict[str, np.ndarray], stage: Stage, quantity: Quantity) -> str:
@@ -139,10 +151,15 @@ def _not_finite(arrays: dict[str, np.ndarray], stage: Stage, quantity: Quantity)
     names = stage.variables(quantity)
     value, sigma = arrays[names.value], arrays[names.sigma]
     valid = arrays[names.valid].reshape(arrays[names.valid].shape + (1,) * len(quantity.components))
-    if bad := int(np.count_nonzero(valid & ~np.isfinite(value))):
-        return f"{names.value} is not finite at {bad} elements marked valid"
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(sigma) & (sigma > 0)
-    if bad := int(np.count_nonzero(valid & ~good)):
+        wrong, odd = valid & ~possible_value(value), valid & ~possible_sigma(sigma)
+    if bad := int(np.count_nonzero(wrong)):
+        what = (
+            "not finite"
+            if not np.isfinite(value[np.broadcast_to(wrong, value.shape)]).all()
+            else f"beyond {GREATEST:g}"
+        )
+        return f"{names.value} is {what} at {bad} elements marked valid"
+    if bad := int(np.count_nonzero(odd)):
         return f"{names.sigma} is not finite and positive at {bad} elements marked valid"
     return ""

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
-import zipfile
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,10 @@ import numpy as np
 
 from ...captures.layouts import stage_of
 from ...scenes.errors import InputError
+from ...scenes.npz import read_npz
 from ..folders.record import machine, versions
 from .estimator_labels import Chosen
-from .protocol import misshapen
+from .protocol import misshapen, unsound
 from .session import Job, Outcome
 
 __all__ = ["ResultCache", "cache_root", "source_of"]
@@ -143,18 +144,20 @@ class ResultCache:
         if not key or not path.is_file():
             return None
         try:
-            with np.load(path, allow_pickle=False) as data:
-                word = str(data["stage"])
-                arrays = {name: data[name] for name in stage_of(word).dims()}
-                costs = [float(value) for value in data["costs"]]
-                cpu_calls, wall_calls = (tuple(map(float, data[name])) for name in ("cpu_calls", "wall_calls"))
-        except (OSError, EOFError, ValueError, KeyError, InputError, zipfile.BadZipFile):
+            data = read_npz(path, "The result")
+            word = str(data["stage"])
+            arrays = {name: data[name] for name in stage_of(word).dims()}
+            costs = [float(value) for value in data["costs"]]
+            cpu_calls, wall_calls = (tuple(map(float, data[name])) for name in ("cpu_calls", "wall_calls"))
+        except (ValueError, KeyError, TypeError, InputError):
             return None
         known = dict(job.sizes)
         wrong = [
             name for name, dims in stage_of(word).dims().items() if misshapen(name, dims, arrays[name].shape, known)
         ]
-        if wrong or len(costs) != len(_COSTS):
+        if wrong or len(costs) != len(_COSTS) or unsound(arrays, stage_of(word)):
+            return None
+        if not all(math.isfinite(value) and value >= 0 for value in (*costs, *cpu_calls, *wall_calls)):
             return None
         self.hits += 1
         cpu_s, wall_s, peak_bytes = costs

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +20,7 @@ from ...scenes.errors import InputError
 from ..scores.truth import Bound, Truth
 from ..suites.suite import Cell
 from .protocol import file_sums, write_capture, write_meta
+from .scratch import scratch_folder
 
 __all__ = ["Entry", "Spool", "unusable"]
 
@@ -47,16 +49,20 @@ def unusable(error: OSError) -> InputError:
 
 
 class Spool:
-    """Two private folders, deleted at the end: children know the path of `open`, but never that of `closed`.
+    """Two private folders, deleted at the end or, after a kill, by the next run.
+
+    Children know the path of `open`, but never that of `closed`.
 
     Captures and truth are on disk, so that one capture is in memory at a time, for suites of any size.
     """
 
     def __init__(self) -> None:
+        self._folders = ExitStack()
         try:
-            self.open = Path(tempfile.mkdtemp(prefix="beambench-run-"))
-            self.closed = Path(tempfile.mkdtemp(prefix="beambench-"))
+            self.open = self._folders.enter_context(scratch_folder("run"))
+            self.closed = self._folders.enter_context(scratch_folder("truth"))
         except OSError as error:
+            self._folders.close()
             raise unusable(error) from error
 
     def __enter__(self) -> Spool:
@@ -65,8 +71,7 @@ class Spool:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for folder in (self.open, self.closed):
-            shutil.rmtree(folder, ignore_errors=True)
+        self._folders.close()
 
     def add(
         self,

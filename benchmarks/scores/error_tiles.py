@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenes.errors import InputError
+from ...scenes.npz import read_npz
 from ..folders.files import write_atomic
 from .truth import Bound, Truth, errors_of, single_valued
 
@@ -77,12 +77,12 @@ def read_tiles(folder: Path) -> dict[TileKey, tuple[Float, Float]]:
     if not path.is_file():
         return {}
     try:
-        with np.load(path, allow_pickle=False) as data:
-            keys = [json.loads(str(name)) for name in data["key"]]
-            sums, counts = np.asarray(data["sums"], np.float64), np.asarray(data["counts"], np.float64)
+        data = read_npz(path, "The file of errors by tile")
+        keys = [json.loads(str(name)) for name in data["key"]]
+        sums, counts = np.asarray(data["sums"], np.float64), np.asarray(data["counts"], np.float64)
         found = {
             (str(k[0]), str(k[1]), int(k[2]), str(k[3])): (a, n) for k, a, n in zip(keys, sums, counts, strict=True)
         }
-    except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, IndexError, TypeError, RecursionError) as error:
         raise InputError("The errors by tile cannot be read.", where=str(path), value=str(error)) from error
     return found

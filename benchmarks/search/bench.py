@@ -76,7 +76,7 @@ class Bench:
         limits: Limits,
         *,
         suite: str = "bench",
-        fidelity: str = "direct",
+        fidelity: str | None = None,
         rtol: float = 1e-3,
         failure_at: float | None = None,
         condition: str = "matched",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ...scenes.base import Positive, Spec
 from ...scenes.errors import InputError
@@ -96,19 +96,38 @@ class Limits(Spec):
 
 
 class Calibration(Spec):
-    """The simulated calibration of the condition "calibrated": photon counts of its two measurements.
+    """The simulated calibration of the condition "calibrated": how well its records are measured.
+
+    A suite states what its instruments need; the others may be left out.
 
     Main arguments:
         pulse_photoelectrons: total number recorded of the pulse.
         gate_photoelectrons: number recorded per delay step with the gate open.
+        corner_sigma_px, line_sigma_px: standard errors of a corner of a board, and of a laser line on it.
     Other arguments:
         seed: random seed of the calibration noise, in addition to the seed of the capture: each scene and seed has its own
         calibration, and another value here changes all of them.
     """
 
-    pulse_photoelectrons: Positive
-    gate_photoelectrons: Positive
+    pulse_photoelectrons: Positive | None = None
+    gate_photoelectrons: Positive | None = None
+    corner_sigma_px: Positive | None = None
+    line_sigma_px: Positive | None = None
     seed: Seed = 0
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in handler(self).items() if value is not None}
+
+    def of(self, name: str) -> float:
+        """A value that a calibration needs. Raises InputError where the suite does not state it."""
+        value: float | None = getattr(self, name)
+        if value is None:
+            raise InputError(
+                "The suite's calibration lacks a value that its instruments need.", where=f"calibration.{name}",
+                allowed="a number above 0", next_step=f"state {name} in the table [calibration] of the suite",
+            )  # fmt: skip
+        return value
 
 
 class Suite(Spec):
@@ -135,7 +154,7 @@ class Suite(Spec):
     calibration: Calibration | None = None
     estimators: Annotated[tuple[str, ...], Field(min_length=1)]
     failure_at: Positive | None = None
-    fidelity: Literal["direct", "scatter", "full", "auto"] = "direct"
+    fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
     limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
 

@@ -84,6 +84,44 @@ def _wrong_index(scene: Scene, level: float) -> Overrides:
     return declare(scene, "medium.index", index)
 
 
+def _wrong_phase_index(scene: Scene, level: float) -> Overrides:
+    """Declare a phase index, which bends rays, that is wrong; the group index stays."""
+    wavelength = scene.rig.wavelength_m
+    phase = phase_index(scene.medium, wavelength) * (1.0 + level)
+    index = {"kind": "explicit", "phase": phase, "group": group_index(scene.medium, wavelength)}
+    return declare(scene, "medium.index", index)
+
+
+def _wrong_stand_off(scene: Scene, level: float) -> Overrides:
+    path = path_of(scene, "stand-off")
+    value = held(scene, path)
+    if value is None:
+        raise DoesNotApply(f"scenes that give {path}")
+    return declare(scene, path, value + level)
+
+
+def _wrong_baseline(scene: Scene, level: float) -> Overrides:
+    """Declare the light's source `level` m farther from the camera than it is, in the same direction."""
+    path = path_of(scene, "baseline")
+    place = held(scene, path)
+    length = math.hypot(*place)
+    if length == 0.0:
+        raise DoesNotApply("scenes whose light stands apart from the camera")
+    return declare(scene, path, [value * (1.0 + level / length) for value in place])
+
+
+#: Scattering coefficient per turbidity, 1/(m NTU): "by a convenient coincidence, about 1" in turbid waters (J. T. O. Kirk, Light
+#: and Photosynthesis in Aquatic Ecosystems, ch. 4, on nephelometers). It differs between waters and instruments; none is exact.
+_SCATTERING_PER_NTU = 1.0
+
+
+def _turbidity(scene: Scene, level: float) -> Overrides:
+    """Set b to the turbidity times 1/(m NTU); absorption and phase function are unchanged."""
+    if scene.medium.phase is None:
+        raise DoesNotApply("scenes in a medium that scatters, with its phase function")
+    return {"medium": _water(scene, scene.medium.absorption_per_m, _SCATTERING_PER_NTU * level)}
+
+
 def _wrong_t0(scene: Scene, level: float) -> Overrides:
     return declare(scene, "t0_s", scene.rig.t0_s + level)
 
@@ -120,10 +158,16 @@ def _attenuation_lengths(scene: Scene, level: float) -> Overrides:
         raise DoesNotApply("scenes in a medium that attenuates")
     farthest = max(item.shape.center_m[2] for item in objects(scene))
     factor = level / (medium.attenuation_per_m * farthest)
+    return {"medium": _water(scene, medium.absorption_per_m * factor, medium.scattering_per_m * factor)}
+
+
+def _water(scene: Scene, absorption_per_m: float, scattering_per_m: float) -> Overrides:
+    """The scene's medium with other coefficients and the same phase function."""
+    medium = scene.medium
     data = medium.model_dump(mode="json")
     data.pop("water_type", None)
-    data["absorption_per_m"] = medium.absorption_per_m * factor
-    data["scattering_per_m"] = medium.scattering_per_m * factor
+    data["absorption_per_m"] = absorption_per_m
+    data["scattering_per_m"] = scattering_per_m
     phase = medium.phase
     if "phase_function" not in data and phase is not None:
         if not isinstance(phase, TabulatedPhase):
@@ -132,7 +176,7 @@ def _attenuation_lengths(scene: Scene, level: float) -> Overrides:
             "kind": "tabulated", "angle_rad": list(phase.angle_rad), "value": list(phase.value),
             "forward_slope": phase.forward_slope,
         }  # fmt: skip
-    return {"medium": data}
+    return data
 
 
 def _specular(scene: Scene, level: float) -> Overrides:
@@ -192,10 +236,14 @@ AXES: dict[str, Axis] = {
         Axis("gain", "1", "gain in DN/e as a multiple of the scene's", multiply("gain"), 1.0),
         Axis("absorption", "1/m", "absorption of the medium", lambda _, level: {"medium.absorption_per_m": level}),
         Axis("wrong-index", "1", "relative error of the declared group index", _wrong_index, 0.0),
+        Axis("wrong-phase-index", "1", "relative error of the declared phase index", _wrong_phase_index, 0.0),
+        Axis("wrong-stand-off", "m", "error of the declared stand-off of the camera's window", _wrong_stand_off, 0.0),
+        Axis("wrong-baseline", "m", "error of the declared distance of the light's source", _wrong_baseline, 0.0),
         Axis("wrong-t0", "s", "error of the declared time zero", _wrong_t0, 0.0),
         Axis("wrong-pulse", "1", "relative error of the declared pulse width", _wrong_pulse, 0.0),
         Axis("wrong-gate", "1", "relative error of the declared gate width", _wrong_gate, 0.0),
         Axis("attenuation-lengths", "1", "c·z at the farthest object, a and b scaled together", _attenuation_lengths),
+        Axis("turbidity", "NTU", "scattering of 1/m per NTU (Kirk), absorption unchanged", _turbidity),
         Axis("specular", "1", "fraction of the albedo in a specular lobe", _specular),
         Axis("full-well", "1", "full well as a multiple of the scene's", multiply("full-well"), 1.0),
         Axis("motion", "m/s", "the platform's approach between slices", _motion),

@@ -12,6 +12,8 @@ _LASER_LINE = (
     data("counts", "frame row col", COUNTS, "DN", "digital counts of the frames", channel=True),
     *per_frame("frame"),
     coord("laser_on", "frame", BOOL, "1", "whether the laser shone"),
+    coord("exposure", "frame", REAL, "s", "exposure of the frame, where it is automatic", required=False),
+    coord("gain", "frame", REAL, "1", "gain of the frame over the declared one, where it is automatic", required=False),
     coord("pose", "frame pose_element", REAL, "m, rad", "pose of the rig: x, y, z in m, rotation vector in rad"),
     truth("truth_column", "frame row return", REAL, "px", "column of the line's centre"),
     truth("truth_point", "frame row return xyz", REAL, "m", "illuminated point in the camera frame"),
@@ -27,6 +29,8 @@ _LASER_LINE = (
     truth(
         "truth_standard_error", "frame row col", REAL, "electron", "standard error of the path-traced light", required=False
     ),
+    truth("truth_slope", "survey", REAL, "1", "slope of the surface's power spectrum along profiles", required=False),
+    truth("truth_level", "survey", REAL, "dB", "its density at 10 cycles/m, relative to 1 m³", required=False),
     *camera_extras("frame row col"),
 )  # fmt: skip
 
@@ -35,6 +39,9 @@ _POINT = Quantity(
     "point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the camera frame", (1e3, "mm"),
     components=("xyz",),
 )  # fmt: skip
+#: One number for all frames of a capture.
+_SLOPE = Quantity("slope", "1", ("survey",), "slope of the power spectrum, S ~ f^-slope")
+_LEVEL = Quantity("level", "dB", ("survey",), "density of the power spectrum at 10 cycles/m, relative to 1 m³")
 
 LAYOUT = Layout(
     name="laser_line",
@@ -45,6 +52,7 @@ LAYOUT = Layout(
     stages=(
         Stage("line", "line", "laser_line", (CAPTURE,), (_COLUMN,)),
         Stage("triangulation", "triangulation", "laser_line", ("column", "rig"), (_POINT,)),
+        Stage("spectrum", "spectrum", "laser_line", ("point", "rig"), (_SLOPE, _LEVEL)),
     ),
     finite=("time",),
 )

@@ -17,8 +17,14 @@ _WAVEFRONT = (
     truth("truth_slope", "frame lenslet axis", REAL, "rad", "intensity-weighted slope: Im ∫u*∇u / (k ∫|u|²)"),
     truth("truth_phase", "frame pupil_row pupil_col", REAL, "rad", "least-squares phase; NaN at branch points"),
     truth("truth_zernike", "frame mode", REAL, "rad", "Zernike coefficients, Noll index from 2, unit rms"),
+    truth(
+        "truth_flux", "frame lenslet", REAL, "electron", "mean photoelectrons of the whole spot", required=False,
+    ),
+    truth(
+        "truth_background", "frame", REAL, "electron", "ambient, dark and scattered electrons of a pixel", required=False,
+    ),
     *camera_extras("frame row col"),
-)
+)  # fmt: skip
 
 _SPOT = Quantity("spot", "px", ("frame", "lenslet", "axis"), "position of the spot", components=("axis",))
 _SLOPE = Quantity(

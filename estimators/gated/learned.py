@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
-from typing import Any
+from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import xarray as xr
 
 from ...optics.jit import kernel
 from ...scenes.errors import InputError
+from ...scenes.npz import read_npz
 from ..registry import estimator
 from ..result import range_result
 from .tools.features import FEATURES, features_of, resolved
@@ -21,6 +22,10 @@ from .tools.stack import read_stack
 __all__ = ["Weights", "learned", "predict", "read_weights"]
 
 Float = npt.NDArray[np.float64]
+
+
+#: Most bytes of the arrays of a file of weights: 10,000 units have 5 MB.
+_MOST_BYTES = 2**26
 
 
 @dataclass(frozen=True)
@@ -73,17 +78,15 @@ def predict(features, ok, centre, scale, hidden, bias, answer, log_error, value,
 def read_weights(path: str | None) -> Weights:
     """Weights from an .npz file, or those that ship with the package. Raises InputError where the file cannot be used."""
     where = path or "library/learned.npz"
+    with as_file(files("beambench.estimators.gated") / "library" / "learned.npz") as shipped:
+        data = read_npz(
+            shipped if path is None else Path(path), "The file of weights", where=where, most_bytes=_MOST_BYTES
+        )
     try:
-        if path is None:
-            with (files("beambench.estimators.gated") / "library" / "learned.npz").open("rb") as file:
-                data: dict[str, Any] = dict(np.load(file, allow_pickle=False))
-        else:
-            with np.load(path, allow_pickle=False) as archive:
-                data = dict(archive)
         arrays = {k: np.asarray(data[k], dtype=np.float64) for k in
                   ("centre", "scale", "hidden", "bias", "answer", "log_error", "low", "high", "light")}  # fmt: skip
         numbers = {k: float(data[k]) for k in ("factor", "excess")}
-    except (OSError, ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(
             "The file does not hold weights of the estimator learned.", where=where, value=str(error)[:200],
             next_step="beambench estimators train --data FOLDER --out FILE",

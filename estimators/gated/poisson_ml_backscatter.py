@@ -39,9 +39,9 @@ def backscatter_template(
 
 
 @kernel(error_model="numpy")
-def _fit_rows(
+def _fit_rows(  # type: ignore[no-untyped-def]
     counts, slices, group, e, s, levels, table, below, decay, grid, bounds, width, snr, tau, sigma, ok, strength
-):  # type: ignore[no-untyped-def]
+):
     rows, cols = counts.shape[1], counts.shape[2]
     offset, scale, saturation = levels
     groups = e.size

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
+from .frames import OffFrames
 from .windows import line_windows, with_locking
 
 __all__ = ["line_blais_rioux"]
@@ -31,11 +32,16 @@ def _crossing(z: Float, reach: int) -> Float:
 @estimator(
     "line", cites="F. Blais and M. Rioux, Signal Processing 11:145, 1986 (numerical peak detector, 4th and 8th order)"
 )
-def line_blais_rioux(capture: xr.Dataset, *, order: Literal[2, 4, 8] = 4, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_blais_rioux(
+    capture: xr.Dataset, *, order: Literal[2, 4, 8] = 4, returns: int = 1, off_frames: OffFrames = "unused",
+    least_sigmas: float = 5.0,
+) -> xr.Dataset:  # fmt: skip
     """c: where the filter g_i = Σ_{k=1}^{order/2} (z_{i−k} − z_{i+k}) passes through zero beside the brightest pixel.
 
     Returns column, sigma [px], valid (frame, row, return). sigma: noise and pixel locking. Invalid where the peak is not
     `least_sigmas` above the row's noise, where there is no crossing, or where the window holds a bad pixel.
     """
-    windows = line_windows(capture, least_sigmas=least_sigmas, least_half=order // 2 + 1)
-    return with_locking(windows, partial(_crossing, reach=order // 2))
+    windows = line_windows(
+        capture, least_sigmas=least_sigmas, least_half=order // 2 + 1, returns=returns, off_frames=off_frames
+    )  # fmt: skip
+    return with_locking(windows, partial(_crossing, reach=order // 2), reach=order // 2 + 1, follows_peak="free")

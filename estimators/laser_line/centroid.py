@@ -9,7 +9,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
-from .windows import line_windows, with_locking
+from .frames import OffFrames
+from .prefilter import smoothed
+from .windows import Formula, line_windows, with_locking
 
 __all__ = ["line_centroid", "line_window_centroid"]
 
@@ -39,24 +41,38 @@ def _mean(weight: Float) -> Float:
 
 
 @estimator("line", cites="Kusters 1992, sec. 3.1: centre of mass of the pixels above a threshold")
-def line_centroid(capture: xr.Dataset, *, threshold: float = 0.3, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_centroid(
+    capture: xr.Dataset, *, threshold: float = 0.3, prefilter_px: float = 0.0, returns: int = 1,
+    off_frames: OffFrames = "unused", least_sigmas: float = 5.0,
+) -> xr.Dataset:  # fmt: skip
     """c = Σ x z/Σ z over the pixels z >= `threshold` · peak that join the brightest one, z above the row's background.
+
+    `prefilter_px`: the row is smoothed first by a Gaussian of this standard deviation (sec. 3.1), 0 for none.
 
     Returns column, sigma [px], valid (frame, row, return). sigma: noise and pixel locking. Invalid where the peak is not
     `least_sigmas` above the row's noise, or where the window holds a bad pixel.
     """
-    windows = line_windows(capture, least_sigmas=least_sigmas)
-    return with_locking(windows, partial(_above, threshold=threshold))
+    windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
+    formula: Formula = partial(_above, threshold=threshold)
+    return with_locking(windows, smoothed(formula, prefilter_px) if prefilter_px > 0 else formula)
 
 
 @estimator(
     "line",
     cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (centre of mass, 3 to 7 pixels)",
 )
-def line_window_centroid(capture: xr.Dataset, *, reach: int = 2, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_window_centroid(
+    capture: xr.Dataset,
+    *,
+    reach: int = 2,
+    returns: int = 1,
+    off_frames: OffFrames = "unused",
+    least_sigmas: float = 5.0,
+) -> xr.Dataset:
     """c = Σ x z/Σ z over the 2·`reach` + 1 pixels around the brightest one, z above the row's background.
 
     Returns column, sigma [px], valid (frame, row, return), as `line_centroid`.
     """
-    windows = line_windows(capture, least_sigmas=least_sigmas)
-    return with_locking(windows, partial(_within, reach=int(np.clip(reach, 1, windows.half))), follows_peak=True)
+    windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
+    read = int(np.clip(reach, 1, windows.half))
+    return with_locking(windows, partial(_within, reach=read), reach=read, follows_peak="held")

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from ..declared import ADC_BITS, GAIN, OFFSET, Key
 
-__all__ = ["LASER_LINE_KEYS"]
+__all__ = ["CALIBRATED", "LASER_LINE_KEYS"]
+
+#: Parameters that a calibration finds: of the camera, of its distance from the port, and of the laser's plane.
+CALIBRATED = (
+    "focal_px", "principal_row_px", "principal_col_px", "k1", "k2", "p1", "p2", "k3", "stand_off_m", "turn_about_axis_rad",
+    "turn_about_fan_rad", "shift_m",
+)  # fmt: skip
 
 _ALL = "all"
 _FLAT, _DOME = (("port.kind", word) for word in ("flat", "dome"))
@@ -49,5 +55,13 @@ LASER_LINE_KEYS = (
     Key(
         "detector.intensifier.excess_noise_factor", "number", "1", "excess noise factor F²", _ALL, within="detector.intensifier",
         above=0,
+    ),
+    Key(
+        "calibration.parameters.*", "word", "1", "what was calibrated, as deviations from the declared values",
+        "triangulate-air, triangulate-pinhole-port, triangulate-refractive", within="calibration", words=CALIBRATED,
+    ),
+    Key(
+        "calibration.covariance.*", "numbers", "1", "covariance of the parameters, row by row, in the units of their names",
+        "triangulate-air, triangulate-pinhole-port, triangulate-refractive", within="calibration",
     ),
 )  # fmt: skip

@@ -17,7 +17,7 @@ from ..declared import check_keys
 from ..rig import DeclaredRig
 from .declared import LASER_LINE_KEYS
 
-__all__ = ["Geometry", "declared_geometry"]
+__all__ = ["Geometry", "declared_covariance", "declared_geometry"]
 
 Float = npt.NDArray[np.float64]
 
@@ -61,12 +61,31 @@ def declared_geometry(rig: DeclaredRig, *, port: str = "declared") -> Geometry:
 
     Raises InputError where the rig lacks a value or holds one that cannot be used.
     """
-    check_keys(rig, LASER_LINE_KEYS)
     return _geometry(rig, port)
+
+
+def declared_covariance(rig: DeclaredRig) -> tuple[tuple[str, ...], Float]:
+    """(names, covariance) of the parameters that a calibration of the rig found.
+
+    Raises InputError where there is none, or where the covariance is not a symmetric matrix of their number without negative
+    eigenvalues.
+    """
+    names = tuple(str(name) for name in rig.need("calibration.parameters"))
+    rows = [rig.numbers(f"calibration.covariance.{k}", length=len(names)) for k in range(len(names))]
+    matrix = np.stack(rows)
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    unit = matrix / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
+    if np.abs(unit - unit.T).max() > 1e-9 or np.linalg.eigvalsh(unit).min() < -1e-9 or len(set(names)) < len(names):
+        raise InputError(
+            "The declared covariance of the calibration cannot be one.", where="attribute rig: calibration.covariance",
+            value=matrix.tolist(), allowed="symmetric, no negative eigenvalue, one row for each of the different parameters",
+        )  # fmt: skip
+    return names, matrix
 
 
 @lru_cache(maxsize=32)
 def _geometry(rig: DeclaredRig, port: str) -> Geometry:
+    check_keys(rig, LASER_LINE_KEYS)
     pitch = rig.number("camera.pixel_pitch_m", above=0)
     k1, k2, p1, p2, k3 = rig.numbers("camera.distortion", length=5).tolist()
     camera = Pinhole(

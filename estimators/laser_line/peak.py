@@ -7,6 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
+from .frames import OffFrames
 from .windows import line_windows, with_locking
 
 __all__ = ["line_peak"]
@@ -19,10 +20,13 @@ def _middle(z: Float) -> Float:
 
 
 @estimator("line", cites="Kusters 1992, sec. 3.3.3: the range of the pixel's centre")
-def line_peak(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_peak(
+    capture: xr.Dataset, *, returns: int = 1, off_frames: OffFrames = "unused", least_sigmas: float = 5.0
+) -> xr.Dataset:
     """c = the column of the brightest pixel. sigma: rms over the phases of a pixel, 1/√12 for a symmetric line, and that of the
     pixels that noise may have made the brightest.
 
     Returns column, sigma [px], valid (frame, row, return). Invalid where the peak is not `least_sigmas` above the row's noise.
     """
-    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _middle, follows_peak=True)
+    windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
+    return with_locking(windows, _middle, reach=0, follows_peak="held")

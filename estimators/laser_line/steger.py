@@ -5,7 +5,7 @@ negative, the ridge crosses a pixel at t n, t = −(r_x n_x + r_y n_y)/(r_xx n_x
 (−n_y, n_x), and so meets the middle of its row at x + t/n_x.
 
 Smoothing along the line joins rows: errors fall below what one row allows, and a step of the line is blurred over about `scale`
-rows. Kusters 1992, Eq. 3.1-3.19, is the same second directional derivative, with other filters.
+rows. `line-derivative` (Kusters 1992, Eq. 3.1-3.19) is the same second directional derivative, with other filters.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from ...optics.sheet import gaussian_mean
 from ..registry import estimator
+from .frames import OffFrames
+from .images import above_background, spoilt_pixels
 from .windows import Windows, answered, line_windows
 
 __all__ = ["line_steger"]
@@ -32,7 +34,14 @@ _FARTHEST_PX = 0.75
 
 
 @estimator("line", cites="C. Steger, IEEE Trans. Pattern Analysis and Machine Intelligence 20:113, 1998", joint=True)
-def line_steger(capture: xr.Dataset, *, scale: float = 0.0, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_steger(
+    capture: xr.Dataset,
+    *,
+    scale: float = 0.0,
+    returns: int = 1,
+    off_frames: OffFrames = "unused",
+    least_sigmas: float = 5.0,
+) -> xr.Dataset:
     """c = x + t/n_x from the derivatives of the image smoothed with `scale` px (0: w/√3 of a bar of half
     width w = 1.5 σ of the declared line, as Steger advises; at least .9 px).
 
@@ -41,28 +50,27 @@ def line_steger(capture: xr.Dataset, *, scale: float = 0.0, least_sigmas: float 
     not `least_sigmas` above the row's noise, where a pixel within the filters' reach is bad or outside of the image, or where
     no ridge lies beside the brightest pixel.
     """
-    windows = line_windows(capture, least_sigmas=least_sigmas)
+    windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
     line = float(np.median(windows.width()))
     width = max(scale, 0.0) or max(1.5 * line / np.sqrt(3.0), 0.9)
-    image, bad = _image(windows, capture)
+    image, bad = above_background(windows, capture)
     r = {key: _derivative(image, width, *order) for key, order in _ORDERS.items()}
     reach = int(np.ceil(_REACH * width))
-    frames, rows, cols = image.shape
-    spoilt = _spread(bad, reach)
-    row = np.tile(np.arange(rows), frames)
-    frame = np.repeat(np.arange(frames), rows)
+    _, rows, cols = image.shape
+    spoilt = spoilt_pixels(bad, reach)
+    row, frame = windows.row, windows.frame
     column = np.full(row.size, np.nan)
     curve = np.zeros(row.size)
-    best = np.full(row.size, np.inf)
-    # The brightest smoothed pixel may be a neighbour of the brightest one.
+    # The brightest smoothed pixel may be a neighbour of the brightest one. Of several the sharpest ridge counts: beyond the line's
+    # inflection the second derivative is most negative along the line, and a crossing there is noise.
     for step in (0, -1, 1):
         at = np.clip(windows.peak + step, 0, cols - 1)
         local = {key: value[frame, row, at] for key, value in r.items()}
         place, bend = _ridge(**local)
-        better = np.isfinite(place) & (np.abs(place) < best)
-        column = np.where(better, step + place, column)
-        curve, best = np.where(better, bend, curve), np.where(better, np.abs(place), best)
-    ok = ~spoilt[frame, row, windows.peak] & (best <= _FARTHEST_PX)
+        with np.errstate(invalid="ignore"):
+            better = (np.abs(place) <= _FARTHEST_PX) & (np.abs(bend) > np.abs(curve))
+        column, curve = np.where(better, step + place, column), np.where(better, bend, curve)
+    ok = ~spoilt[frame, row, windows.peak] & np.isfinite(column)
     ok &= (row >= reach) & (row < rows - reach)
     with np.errstate(divide="ignore", invalid="ignore"):
         noise = np.sqrt(_slope_variance(windows, width)) / np.abs(curve)
@@ -74,26 +82,9 @@ def line_steger(capture: xr.Dataset, *, scale: float = 0.0, least_sigmas: float 
 _ORDERS = {"x": (0, 1), "y": (1, 0), "xx": (0, 2), "xy": (1, 1), "yy": (2, 0)}
 
 
-def _image(windows: Windows, capture: xr.Dataset) -> tuple[Float, npt.NDArray[np.bool_]]:
-    """Photoelectrons above the rows' backgrounds (frame, row, col), bad pixels at zero; and which pixels are bad."""
-    electrons, good = windows.electrons(capture)
-    level = windows.row_level.reshape(windows.shape)
-    return np.where(good & np.isfinite(level), electrons - level, 0.0), ~good
-
-
 def _derivative(image: Float, width: float, down: int, right: int) -> Float:
     once = gaussian_filter1d(image, width, axis=1, order=down, truncate=_REACH, mode="nearest")
     return np.asarray(gaussian_filter1d(once, width, axis=2, order=right, truncate=_REACH, mode="nearest"))
-
-
-def _spread(bad: npt.NDArray[np.bool_], reach: int) -> npt.NDArray[np.bool_]:
-    """Pixels with a bad one within reach, or the image's edge within reach along the row."""
-    from scipy.ndimage import maximum_filter
-
-    near = np.asarray(maximum_filter(bad, size=(1, 2 * reach + 1, 2 * reach + 1), mode="nearest"))
-    near[:, :, :reach] = True
-    near[:, :, near.shape[2] - reach :] = True
-    return near
 
 
 def _ridge(x: Float, y: Float, xx: Float, xy: Float, yy: Float) -> tuple[Float, Float]:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
+from .frames import OffFrames
 from .windows import line_windows, with_locking
 
 __all__ = ["line_log_gaussian", "line_parabola"]
@@ -39,22 +40,28 @@ def _log_gaussian(z: Float) -> Float:
 
 
 @estimator("line", cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (parabolic estimator)")
-def line_parabola(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_parabola(
+    capture: xr.Dataset, *, returns: int = 1, off_frames: OffFrames = "unused", least_sigmas: float = 5.0
+) -> xr.Dataset:
     """c = k + ½ (z₋ − z₊)/(z₋ − 2z₀ + z₊), k the brightest pixel.
 
     Returns column, sigma [px], valid (frame, row, return). sigma: noise and pixel locking, .091 px rms for a line of σ = .5 px.
     Invalid where the peak is not `least_sigmas` above the row's noise, or where the window holds a bad pixel.
     """
-    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _parabola, follows_peak=True)
+    windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
+    return with_locking(windows, _parabola, reach=1, follows_peak="free")
 
 
 @estimator(
     "line", cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (Gaussian approximation)"
 )
-def line_log_gaussian(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Dataset:
+def line_log_gaussian(
+    capture: xr.Dataset, *, returns: int = 1, off_frames: OffFrames = "unused", least_sigmas: float = 5.0
+) -> xr.Dataset:
     """c = k + ½ (ln z₋ − ln z₊)/(ln z₋ − 2 ln z₀ + ln z₊), k the brightest pixel, z above the row's background.
 
     Returns column, sigma [px], valid (frame, row, return), as `line_parabola`. Invalid also where a neighbour is not above the
     background.
     """
-    return with_locking(line_windows(capture, least_sigmas=least_sigmas), _log_gaussian, follows_peak=True)
+    windows = line_windows(capture, least_sigmas=least_sigmas, returns=returns, off_frames=off_frames)
+    return with_locking(windows, _log_gaussian, reach=1, follows_peak="free")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +13,13 @@ import xarray as xr
 from scipy.special import ndtr
 
 from ...optics.sheet import gaussian_mean
-from ...scenes.errors import InputError
 from ..declared import check_keys
 from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
 from .declared import LASER_LINE_KEYS
+from .frames import OffFrames, Scale, read_frames
 from .geometry import declared_geometry
+from .row_scan import scan_rows
 
 __all__ = ["Formula", "Windows", "answered", "line_windows", "with_locking"]
 
@@ -30,10 +31,12 @@ Formula = Callable[[Float], Float]
 
 #: Least and most half width of a window [px].
 _LEAST, _MOST = 3, 64
-#: Pixels of a row that give its background.
-_ENOUGH = 256
 #: Phases of the pixel over which a formula's error without noise is averaged.
 _PHASES = 64
+#: Widths [px] at which that is tabulated.
+_WIDTHS = np.geomspace(0.1, 10.0, 24)
+#: Where noise moves the brightest pixel by less [px, rms], it is the right one.
+_SURE_PX = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +44,9 @@ class Windows:
     """The windows of all frames, n = frames · rows · returns; `shape` is these three.
 
     z (n, 2h + 1): photoelectrons around the brightest pixel, above the row's background. peak (n): that pixel's column.
-    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. floor_e2: variance of a pixel without light;
-    excess: F², the variance of light over its mean.
+    level, row_level (n): the background, photoelectrons; 0 and NaN in rows without. Where frames without laser are subtracted,
+    `row_level` is what is left, and `level` the light whose shot noise the pixels have. floor_e2: variance of a pixel without
+    light; excess: F², the variance of light over its mean.
     sound (n): rows of usable frames whose window lies within the image and holds no bad pixel, and whose peak is above
     `least_sigmas` of the noise.
     """
@@ -56,11 +60,22 @@ class Windows:
     sound: Bool
     shape: tuple[int, int, int]
     rig: DeclaredRig
+    off_frames: OffFrames = "unused"
 
     @property
     def half(self) -> int:
         """Pixels to either side of the brightest one."""
         return int(self.z.shape[1]) // 2
+
+    @property
+    def frame(self) -> npt.NDArray[np.int64]:
+        """Frame of every window (n)."""
+        return np.repeat(np.arange(self.shape[0]), self.shape[1] * self.shape[2])
+
+    @property
+    def row(self) -> npt.NDArray[np.int64]:
+        """Row of every window (n)."""
+        return np.tile(np.repeat(np.arange(self.shape[1]), self.shape[2]), self.shape[0])
 
     @property
     def variance(self) -> Float:
@@ -69,9 +84,10 @@ class Windows:
 
     def electrons(self, capture: xr.Dataset) -> tuple[Float, Bool]:
         """(photoelectrons, whether a pixel is sound), each (frame, row, col), of the capture that the windows are of."""
-        scale, counts = _Scale.of(self.rig), np.asarray(capture["counts"].values)
-        good = scale.good(counts)
-        return scale.electrons(counts), np.ones(counts.shape, bool) if good is None else good
+        scale = Scale.of(self.rig)
+        read = read_frames(capture, scale, self.off_frames)
+        good = np.ones(read.shape, bool) if read.good is None else read.good.reshape(read.shape)
+        return scale.electrons(read.counts).reshape(read.shape), good
 
     def width(self) -> Float:
         """σ [px] (n) that the declared rig gives a line at these columns."""
@@ -79,95 +95,38 @@ class Windows:
 
 
 def line_windows(
-    capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0, returns: int = 1
-) -> Windows:
+    capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0, returns: int = 1,
+    off_frames: OffFrames = "unused",
+) -> Windows:  # fmt: skip
     """The windows of a capture.
 
     Other arguments:
         least_half: least number of pixels to either side, which are four standard deviations of the declared line and two.
-        least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light.
-
+        least_sigmas: height of the peak over its row's background, in standard deviations of a pixel without light. A row of
+            Gaussian noise alone passes with a chance of at most cols · Q(least_sigmas), 5.5e-5 of 192 columns at 5.
         returns: windows per row, the brightest first; each later one lies outside of those before it.
+        off_frames: "subtracted": the mean of the frames without laser is taken from every lit one first.
 
-    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value, and for frames
-    of several channels.
+    The background of a row is the median of its sound pixels. Raises InputError for a rig that lacks a value, for frames
+    of several channels, and where no frame can be subtracted.
     """
     rig = read_rig(capture, "laser_line")
-    check_keys(rig, LASER_LINE_KEYS)
-    scale = _Scale.of(rig)
-    counts = np.asarray(capture["counts"].values)
-    if counts.ndim != 3:
-        raise InputError(
-            "Line finders read frames of one channel.", where="counts", value=capture["counts"].dims,
-            allowed="frame, row, col", next_step="select a channel, or average over them",
-        )  # fmt: skip
-    frames, rows, cols = counts.shape
-    counts = counts.reshape(-1, cols)
-    usable = np.asarray(capture["valid"].values, bool) & np.asarray(capture["laser_on"].values, bool)
     half = max(_half_window(rig), least_half)
-    good = scale.good(counts)
-    level = scale.electrons(_medians(counts, good))
-    peak = _peaks(counts, good, half, max(returns, 1))
+    scale = Scale.of(rig).of_gains(capture)
+    read = read_frames(capture, scale, off_frames)
+    frames, rows, _ = read.shape
+    peak, window, median, sound = scan_rows(read.counts, half, max(returns, 1), read.top_dn, read.dead_dn)
     shape = (frames, rows, peak.shape[1])
-    at = peak[:, :, None] + np.arange(-half, half + 1)
-    inside = np.clip(at, 0, cols - 1).reshape(len(peak), -1)
-    level = np.repeat(level, shape[2])
-    z = scale.electrons(np.take_along_axis(counts, inside, axis=1)).reshape(level.size, -1) - level[:, None]
-    sound = np.repeat(usable, rows * shape[2]) & ((at >= 0) & (at < cols)).all(axis=2).ravel() & np.isfinite(level)
-    if good is not None:
-        sound &= np.take_along_axis(good, inside, axis=1).reshape(level.size, -1).all(axis=1)
+    level = np.repeat(scale.electrons(median), shape[2])
+    z = scale.electrons(window).reshape(level.size, -1) - level[:, None]
+    noisy = level + read.ambient_variance_e(peak, half, scale)
+    fine = sound.ravel() & np.repeat(read.usable, shape[2]) & np.isfinite(level)
     with np.errstate(invalid="ignore"):
-        sound &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(level, 0.0))
-    z = np.where(sound[:, None], z, 0.0)
-    return Windows(z, peak.ravel(), np.where(sound, level, 0.0), level, scale.floor_e2, scale.excess, sound, shape, rig)
-
-
-def _peaks(counts: npt.NDArray[Any], good: Bool | None, half: int, returns: int) -> npt.NDArray[np.int64]:
-    """Columns (n, returns) of the brightest sound pixels, each more than `half` pixels from those before it."""
-    if good is None and returns == 1:
-        return np.asarray(counts.argmax(axis=1))[:, None]
-    left = np.asarray(counts, np.float64) if good is None else np.where(good, counts, -np.inf)
-    found: list[npt.NDArray[np.int64]] = []
-    column = np.arange(counts.shape[1])
-    for number in range(returns):
-        if number:
-            left = np.where(np.abs(column - found[-1][:, None]) <= half, -np.inf, left)
-        found.append(left.argmax(axis=1))
-    return np.stack(found, axis=1)
-
-
-@dataclass(frozen=True)
-class _Scale:
-    """From counts to photoelectrons, and which counts are data."""
-
-    offset_dn: float
-    dn_per_e: float
-    top_dn: float
-    dead_dn: float
-    floor_e2: float
-    excess: float
-
-    @staticmethod
-    def of(rig: DeclaredRig) -> _Scale:
-        converter, (gain, excess) = rig.converter("detector"), rig.amplifier("detector.intensifier")
-        return _Scale(
-            converter.offset_dn, converter.gain_dn_per_e * gain, converter.saturation_dn, converter.dead_dn,
-            converter.floor_e2 / gain**2, excess,
-        )  # fmt: skip
-
-    def electrons(self, counts: npt.NDArray[Any]) -> Float:
-        with np.errstate(invalid="ignore"):
-            return np.asarray((np.asarray(counts, np.float64) - self.offset_dn) / self.dn_per_e)
-
-    def good(self, counts: npt.NDArray[Any]) -> Bool | None:
-        """Whether pixels are finite, neither clipped nor dead; None where all are, which two passes show."""
-        if counts.dtype.kind in "ui" and counts.size:
-            values = np.asarray(counts)
-            if float(values.max()) < self.top_dn and float(values.min()) > self.dead_dn:
-                return None
-        values = np.asarray(counts, np.float64)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.isfinite(values) & (values < self.top_dn) & (values > self.dead_dn))
+        fine &= z[:, half] > least_sigmas * np.sqrt(scale.floor_e2 + scale.excess * np.maximum(noisy, 0.0))
+    z[~fine] = 0.0
+    return Windows(
+        z, peak.ravel(), np.where(fine, noisy, 0.0), level, scale.floor_e2, scale.excess, fine, shape, rig, off_frames
+    )  # fmt: skip
 
 
 def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None = None) -> xr.Dataset:
@@ -185,28 +144,55 @@ def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None 
     )
 
 
-def with_locking(windows: Windows, formula: Formula, *, follows_peak: bool = False) -> xr.Dataset:
+def with_locking(
+    windows: Windows, formula: Formula, *, reach: int | None = None, follows_peak: Literal["no", "held", "free"] = "no"
+) -> xr.Dataset:
     """The result of a formula without a model of the pixels.
 
-    Its standard error holds the noise, √Σ(Δc)² with Δc half the change of c between a pixel's value plus and minus its standard
+    Other arguments:
+        reach: pixels to either side of the middle that the formula reads; all of them where it is not given.
+        follows_peak: of formulas that stay beside the brightest pixel, which noise moves: "held" where the answer moves with it,
+            "free" where the formula finds the line from a neighbour too (the vertex of a curve).
+
+    The standard error holds the noise, √Σ(Δc)² with Δc half the change of c between a pixel's value plus and minus its standard
     deviation, which holds what a pixel at a threshold does too; and what the formula errs without any noise: the rms over the
-    phases of a pixel, of a line as wide as the rig declares ("pixel locking"). `follows_peak`: of formulas that stay beside the
-    brightest pixel, also how far noise moves that one.
+    phases of a pixel, of a line as wide as the rig declares ("pixel locking"); of "held" ones also how far noise moves the
+    brightest pixel. Where it may move that pixel, the top of the line is flat against the noise, and a formula's slope at the
+    measured pixels says little: of "free" ones the noise is then that of small changes about the expected line.
     """
     position = formula(windows.z)
-    variance = windows.variance
+    z, variance = windows.z, windows.variance
+    swapped = np.zeros(position.shape) if follows_peak == "no" else _swapped(windows)
+    part = np.ones(position.shape)  # of a standard deviation, by which a pixel is changed
+    if follows_peak == "free" and (unsure := swapped > _SURE_PX).any():
+        part[unsure] = 0.01
+        line = _expected(windows, np.clip(np.nan_to_num(position), -0.5, 0.5))
+        z = np.where(unsure[:, None], line, z)
+        variance = np.where(unsure[:, None], _light_variance(windows, line), variance)
+    read = windows.half if reach is None else min(reach, windows.half)
     square = np.zeros(position.shape)
-    for k in range(windows.z.shape[1]):
-        step = np.sqrt(variance[:, k])
-        up, down = windows.z.copy(), windows.z.copy()
+    for k in range(windows.half - read, windows.half + read + 1):
+        step = part * np.sqrt(variance[:, k])
+        up, down = z.copy(), z.copy()
         up[:, k] += step
         down[:, k] -= step
-        change = 0.5 * (formula(up) - formula(down))
+        change = 0.5 * (formula(up) - formula(down)) / part
         # A change that has no number moves the answer by up to half of the window.
         square += np.minimum(np.where(np.isfinite(change), np.abs(change), windows.half), windows.half) ** 2
-    if follows_peak:
-        square += _swapped(windows) ** 2
+    if follows_peak == "held":
+        square += swapped**2
     return answered(windows, position, np.sqrt(square + _locking(windows, formula) ** 2))
+
+
+def _expected(windows: Windows, place: Float | float) -> Float:
+    """A line of the declared width and the window's light about `place` (n), photoelectrons (n, 2h + 1)."""
+    k = np.arange(-windows.half, windows.half + 1, dtype=np.float64) - np.reshape(place, (-1, 1))
+    share = gaussian_mean(k - 0.5, k + 0.5, windows.width()[:, None])
+    return np.asarray(np.maximum(windows.z.sum(axis=1), 0.0)[:, None] * share)
+
+
+def _light_variance(windows: Windows, light: Float) -> Float:
+    return np.asarray(windows.excess * (light + np.maximum(windows.level, 0.0)[:, None]) + windows.floor_e2)
 
 
 def _swapped(windows: Windows) -> Float:
@@ -216,9 +202,8 @@ def _swapped(windows: Windows) -> Float:
     Σ k² P_k/(1 + Σ P_k).
     """
     k = np.arange(-windows.half, windows.half + 1, dtype=np.float64)
-    share = gaussian_mean(k - 0.5, k + 0.5, windows.width()[:, None])
-    light = np.maximum(windows.z.sum(axis=1), 0.0)[:, None] * share
-    variance = windows.excess * (light + np.maximum(windows.level, 0.0)[:, None]) + windows.floor_e2
+    light = _expected(windows, 0.0)
+    variance = _light_variance(windows, light)
     middle = slice(windows.half, windows.half + 1)
     chance = ndtr((light - light[:, middle]) / np.sqrt(variance + variance[:, middle]))
     chance[:, windows.half] = 0.0
@@ -230,32 +215,23 @@ def _locking(windows: Windows, formula: Formula) -> Float:
     width = windows.width()
     if not np.isfinite(width).any():
         return np.zeros(width.shape)
-    table = np.geomspace(0.1, 10.0, 24)
-    x = np.arange(-windows.half, windows.half + 1, dtype=np.float64)
+    plain = formula.func if isinstance(formula, partial) else formula
+    given = tuple(sorted(formula.keywords.items())) if isinstance(formula, partial) else ()
+    rms = _locking_table(windows.half, plain, given)
+    return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(_WIDTHS), rms)
+
+
+@lru_cache(maxsize=64)
+def _locking_table(half: int, formula: Callable[..., Float], given: tuple[tuple[str, Any], ...]) -> Float:
+    """rms error [px] of a formula without noise, over the phases of a pixel, for each of `_WIDTHS`."""
+    x = np.arange(-half, half + 1, dtype=np.float64)
     phase = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
-    rms = np.empty(table.size)
-    for i, s in enumerate(table):
+    rms = np.empty(_WIDTHS.size)
+    for i, s in enumerate(_WIDTHS):
         line = gaussian_mean(x - 0.5 - phase[:, None], x + 0.5 - phase[:, None], s)
-        error = formula(line * 1e6) - phase
+        error = formula(line * 1e6, **dict(given)) - phase
         rms[i] = np.sqrt(np.nanmean(error**2)) if np.isfinite(error).any() else 0.5
-    return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(table), rms)
-
-
-def _medians(counts: npt.NDArray[Any], good: Bool | None) -> Float:
-    """Median [DN] of the sound pixels of every row (n); NaN where there is none.
-
-    Of wide rows every k-th pixel, 256 or more of them: the median then errs by a twelfth of a pixel's noise.
-    """
-    step = max(counts.shape[1] // _ENOUGH, 1)
-    part = counts[:, ::step]
-    if good is None:
-        return np.asarray(np.median(part, axis=1), np.float64)
-    kept = good[:, ::step]
-    ordered = np.sort(np.where(kept, np.asarray(part, np.float64), np.inf), axis=1)
-    count = kept.sum(axis=1)
-    row, least = np.arange(len(count)), np.maximum(count, 1)
-    middle = 0.5 * (ordered[row, (least - 1) // 2] + ordered[row, least // 2])
-    return np.asarray(np.where(count > 0, middle, np.nan))
+    return rms
 
 
 @lru_cache(maxsize=32)
@@ -266,5 +242,7 @@ def _declared_width(rig: DeclaredRig) -> Float:
     return np.where(known, width, np.median(width[known]) if known.any() else 1.0)
 
 
+@lru_cache(maxsize=32)
 def _half_window(rig: DeclaredRig) -> int:
+    check_keys(rig, LASER_LINE_KEYS)
     return int(np.clip(np.ceil(4.0 * np.median(_declared_width(rig))) + 2, _LEAST, _MOST))

@@ -19,7 +19,7 @@ from ...scenes.scene import Scene
 from ..choice import Choice, Rtol, Rung, chosen
 from ..effect import interreflection
 from ..water.phase import phase_of
-from .effects import MOTION, SCATTERED, motion_blur, scattered_sizes
+from .effects import EVEN_SCATTERED, MOTION, SCATTERED, motion_blur, scattered_sizes
 from .expected import FrameLight, frame_light
 from .full import SAMPLING
 from .pilot import Traced, pilot_rounds
@@ -56,6 +56,7 @@ def choose(scene: Scene, rtol: Rtol, seed: int, capture_key: int) -> Choice:
     effects = setting.rig.effects
     blur = 0.0 if effects is not None and effects.exposure_poses is not None else motion_blur(scene, light)
     _refuse_motion(scene, blur, limit, rtol)
+    _refuse_even_light(scene, rtol)
     sampled = max(limit, _SAMPLED)
     known = {name: size for name, (size, _) in scattered_sizes(scene, light).items() if size is not None}
     sizes = {name: float(size) for name, size in known.items()} | {MOTION: blur}
@@ -113,6 +114,15 @@ def _refuse_motion(scene: Scene, blur: float, limit: float, rtol: Rtol) -> None:
             f"No rung models what changes the image by up to {blur:.2g} of the line's light, and so leaves out light: {MOTION}.",
             where=f"{scene.name}: rtol", value=rtol, allowed=f"{blur:.2g} or more",
             next_step='raise rtol, or give fidelity="direct" and read the capture\'s list of effects',
+        )  # fmt: skip
+
+
+def _refuse_even_light(scene: Scene, rtol: Rtol) -> None:
+    if laser_line_rig(scene).even_light_e_per_s and scene.medium.scattering_per_m > 0:
+        raise InputError(
+            f"No rung models what water does to even light, and so each leaves out an unknown amount of light: {EVEN_SCATTERED}.",
+            where=f"{scene.name}: rtol", value=rtol,
+            next_step='give fidelity="scatter" and read the capture\'s list of effects, or leave out even_light_e_per_s',
         )  # fmt: skip
 
 

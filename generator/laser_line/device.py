@@ -53,22 +53,12 @@ class DeviceSheet:
 
         whole = float(erf(np.sqrt(2.0) * 0.5 * np.pi / half))
         peak = float(sheet.fan_density(0.0))
-        across, along, axis = (mi.Vector3f(*(opaque(float(v)) for v in frame[:, k])) for k in range(3))
-        waist, waist_at, divergence = (opaque(v) for v in (sheet.waist_m, sheet.waist_at_m, sheet.divergence_rad))
-        place = mi.Point3f(*(opaque(float(v)) for v in source))
+        normal, along, axis = (mi.Vector3f(*(opaque(float(v)) for v in frame[:, k])) for k in range(3))
         return DeviceSheet(
-            place,
-            across,
-            along,
-            axis,
-            waist,
-            waist_at,
-            divergence,
-            opaque(half),
-            opaque(peak),
-            opaque(whole),
-            sheet.fan_profile,
-        )
+            source=mi.Point3f(*(opaque(float(v)) for v in source)), normal=normal, along=along, axis=axis,
+            waist=opaque(sheet.waist_m), waist_at=opaque(sheet.waist_at_m), divergence=opaque(sheet.divergence_rad),
+            half=opaque(half), scale=opaque(peak), whole=opaque(whole), profile=sheet.fan_profile,
+        )  # fmt: skip
 
     def density(self, phi: Any) -> Any:
         """p(φ) [1/rad]."""
@@ -124,8 +114,9 @@ class Turns:
         mi = mitsuba()
         low, high = self._at(least), self._at(dr.maximum(most, least))
         wanted = low + uniform * (high - low)
-        search: Any = dr.binary_search
-        cell = search(0, _CELLS - 1, lambda i: dr.gather(mi.Float, self.sums, i + 1) < wanted)
+        cell: Any = dr.binary_search(  # type: ignore[no-untyped-call]
+            0, _CELLS - 1, lambda i: dr.gather(mi.Float, self.sums, i + 1) < wanted
+        )
         cell = dr.minimum(mi.UInt32(cell), _CELLS - 1)
         begin = dr.gather(mi.Float, self.sums, cell)
         step = dr.maximum(dr.gather(mi.Float, self.sums, cell + 1) - begin, 1e-12)
@@ -174,10 +165,14 @@ class LineWorld:
         least = _STRAIGHT_PX / (setting.camera.focal_px * setting.camera.narrowing)
         straight = 0.0 if phase is None else medium.scattering_per_m * straight_share(phase, least)
         scattering = medium.scattering_per_m - straight
-        cells = None if phase is None else PhaseCells.of(phase, least)
-        turns = None if phase is None else Turns.of(phase, least)
-        whole = opaque(medium.absorption_per_m + scattering)
         return LineWorld(
-            path_geometry(scene) if geometry is None else geometry, DeviceSheet.of(setting, pose), cells, whole,
-            opaque(medium.absorption_per_m), opaque(scattering), opaque(reached_m), turns, straight,
-        )  # fmt: skip
+            geometry=path_geometry(scene) if geometry is None else geometry,
+            sheet=DeviceSheet.of(setting, pose),
+            phase=None if phase is None else PhaseCells.of(phase, least),
+            attenuation=opaque(medium.absorption_per_m + scattering),
+            absorption=opaque(medium.absorption_per_m),
+            scattering=opaque(scattering),
+            reached=opaque(reached_m),
+            turns=None if phase is None else Turns.of(phase, least),
+            straight=straight,
+        )

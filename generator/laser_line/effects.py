@@ -13,12 +13,13 @@ from ...scenes.scene import Scene
 from ..effect import Effect, effect, interreflection
 from .expected import FrameLight
 
-__all__ = ["MOTION", "SCATTERED", "catalogue", "motion_blur", "scattered_sizes"]
+__all__ = ["EVEN_SCATTERED", "MOTION", "SCATTERED", "catalogue", "motion_blur", "scattered_sizes"]
 
 Float = NDArray[np.float64]
 
 #: Effects of scattered light: the first two are what the rung `scatter` adds.
 MOTION = "motion blur"
+EVEN_SCATTERED = "scattered even light"
 SCATTERED = ("curtain of scattered light", "forward-scattered halo", "multiple scattering")
 
 
@@ -40,6 +41,12 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
         ),
         effect("interreflection", rung == "full", *interreflection(scene)),
         effect("occlusion of laser and camera", True, None, "shadow rays to the laser's place"),
+        effect(
+            EVEN_SCATTERED,
+            False,
+            None if rig.even_light_e_per_s and scene.medium.scattering_per_m > 0 else 0.0,
+            "even light reaches the camera straight",
+        ),
         effect("lens point spread", rig.lens_sigma_px > 0, None, "Gaussian, along the rows"),
         effect("lens point spread across edges", False, 0.0 if rig.lens_sigma_px == 0 else None, "not modelled"),
         effect("light reflected inside the port", False, 0.0 if rig.port.kind == "none" else None, "not modelled"),

@@ -19,8 +19,11 @@ from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
 from .detected import bloomed, speckled
+from .even_light import even_light
+from .exposure import frame_settings
 from .full import SAMPLING, Rest, Tracing, rest_of
 from .light import line_light, nodes_of
+from .roughness import roughness_truth
 from .scattered import Scattered, curtain, halo, widened
 from .setting import Pose, Setting, exposure_poses, poses_of, setting_of
 from .truth import LineTruth, line_truth
@@ -85,6 +88,10 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     poses, coords = poses_of(rig)
     ambient = ambient_e_per_s(rig, phase_index(scene.medium, rig.wavelength_m)) * rig.detector.exposure_s
     electrons = np.full((len(poses), rig.camera.rows, rig.camera.cols), ambient, dtype=np.float32)
+    uneven = bool(rig.even_light_e_per_s)
+    for number, pose in enumerate(poses if uneven else ()):
+        same = number > 0 and _same(pose, poses[0])
+        electrons[number] = electrons[0] if same else electrons[number] + even_light(setting, pose).astype(np.float32)
     background = electrons + np.float32(dark_e(rig))
     sigma = np.zeros(electrons.shape, np.float32)
     frames: list[FrameLight] = []
@@ -110,10 +117,11 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
         electrons[number] += extra.astype(np.float32)
         background[number] += extra.astype(np.float32)
     truth = _truth([light.truth for light in frames], rig) | {
-        "truth_background": background if scatters or full else background[:, 0, 0].astype(np.float64)
+        "truth_background": background if scatters or full or uneven else background[:, 0, 0].astype(np.float64)
     }
     if full:
         truth["truth_standard_error"] = sigma
+    truth |= roughness_truth(scene)
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))
     dark = not any(light.line.any() for light in frames)
@@ -214,12 +222,14 @@ def read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDAr
     """Counts of the detector, with speckle in the line's light where the rig has it."""
     rig = laser_line_rig(scene)
     pattern = fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols)
+    own = frame_settings(rig, expected.coords)
     effects = rig.effects or LineEffects()
     electrons = expected.electrons
     if effects.speckle_looks is not None:
-        background = np.asarray(expected.truth["truth_background"], np.float32) - np.float32(dark_e(rig))
-        beside = background.reshape(len(electrons), *background.shape[1:] or (1, 1))
+        dark = dark_e(rig) * np.reshape(own.get("exposure_factor", np.ones(1)), (-1, 1, 1))
+        background = np.asarray(expected.truth["truth_background"], np.float32)
+        beside = background.reshape(len(electrons), *background.shape[1:] or (1, 1)) - dark.astype(np.float32)
         electrons = speckled(electrons, beside, effects.speckle_looks, request.seed, request.capture_key)
     if effects.blooming is not None:
         electrons = bloomed(electrons, rig.detector, effects.blooming)
-    return detect(electrons, rig.detector, pattern, request.seed, request.capture_key)
+    return detect(electrons, rig.detector, pattern, request.seed, request.capture_key, **own)

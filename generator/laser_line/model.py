@@ -28,8 +28,9 @@ def _choose(scene: Scene, request: Request) -> Choice:
 
 def _expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     from .expected import expect
+    from .exposure import exposed
 
-    return expect(scene, request)
+    return exposed(scene, expect(scene, request))
 
 
 def _read(scene: Scene, expected: Expected[FrameLight], request: Request) -> NDArray[Any]:

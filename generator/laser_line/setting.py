@@ -67,7 +67,7 @@ class Setting:
         """1 σ [px] of the lens's point spread at columns (n) that see points (3, n), defocus added in quadrature."""
         if self.lens is None:
             return self.rig.lens_sigma_px
-        return np.asarray(np.hypot(self.rig.lens_sigma_px, self.lens.sigma_px(col, point[2])))
+        return np.asarray(np.hypot(self.rig.lens_sigma_px, self.lens.sigma_px(col, point[2])), np.float64)
 
     def offsets(self, row: Float, col: Float, seen: Seen) -> Float:
         """u [m] of the surface's tangent planes on the rays (n) through other pixels near those of `seen`."""

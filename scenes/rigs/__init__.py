@@ -15,6 +15,7 @@ RIGS: dict[str, str] = {
     "waveform": "beambench.scenes.rigs.waveform:KIND",
     "amcw": "beambench.scenes.rigs.amcw:KIND",
     "laser_line": "beambench.scenes.rigs.laser_line:KIND",
+    "wavefront": "beambench.scenes.rigs.wavefront:KIND",
 }
 
 

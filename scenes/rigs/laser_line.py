@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..medium_index import medium_data
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
+from .laser_line_exposure import check_exposure
 from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_lens, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
 from .laser_line_view import check_port, check_view
@@ -34,6 +35,7 @@ def laser_line_rig(scene: RigScene) -> LaserLineRig:
 
 def _declare(scene: RigScene) -> dict[str, Any]:
     rig, medium = as_declared(scene, LaserLineRig)
+    auto = {} if rig.auto_exposure is None else {"auto_exposure": rig.auto_exposure.model_dump(mode="json")}
     water = medium_data(medium, rig.wavelength_m)
     return {
         "schema": 1,
@@ -47,12 +49,13 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         "ambient_e_per_s": ambient_e_per_s(rig, float(water["phase_index"])),
         "frames": rig.frames.model_dump(mode="json"),
         "t0_s": rig.t0_s,
-    }
+    } | auto
 
 
 def _check(scene: RigScene) -> None:
     """Refuse a sheet that gives no parallax, a camera whose rays do not leave it, and what no rung models."""
     rig = laser_line_rig(scene)
+    check_exposure(rig.auto_exposure, rig.detector, scene.name)
     index = float(medium_data(scene.medium, rig.wavelength_m)["phase_index"])
     sheet, camera = line_sheet(rig, index), line_camera(rig, index)
     check_port(rig, camera, scene.name)
@@ -121,10 +124,12 @@ KIND = RigKind(
     resize=_resize,
     roles={
         "ambient": "rig.ambient_e_per_s",
+        "baseline": "rig.laser.position_m",
         "full-well": "rig.detector.full_well_e",
         "gain": "rig.detector.gain_dn_per_e",
         "light": "rig.laser.power_w",
         "motion": "rig.motion_m_per_s",
         "read-noise": "rig.detector.read_noise_e",
+        "stand-off": "rig.port.stand_off_m",
     },
 )

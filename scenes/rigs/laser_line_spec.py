@@ -10,6 +10,7 @@ from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
 from .laser_line_effects import LineEffects
+from .laser_line_exposure import AutoExposure
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
 from .parts import Camera, Detector, pixel_collected_m2_sr
 
@@ -17,7 +18,9 @@ __all__ = ["LaserLineRig"]
 
 _Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
 #: Absent options are left out of the data.
-_OPTIONAL = ("effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px")
+_OPTIONAL = (
+    "effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s", "auto_exposure",
+)  # fmt: skip
 
 
 class LaserLineRig(RigSpec):
@@ -28,6 +31,9 @@ class LaserLineRig(RigSpec):
     frame is taken at once, unless `effects` have poses within an exposure.
     Ambient light is given as `ambient_e_per_s` (photoelectrons per pixel and second), or by its spectrum, `ambient`: the rate is
     then that of a camera in the medium, and `laser_line_geometry.ambient_e_per_s` that behind the port.
+    `even_light_e_per_s`: photoelectrons per second that a pixel on the axis collects from a white surface near the camera, under
+    light that comes evenly from all sides and shows the target's albedo and texture.
+    `auto_exposure`: exposure and gain that follow the light, frame by frame; absent, they are the detector's.
     """
 
     kind: Literal["laser_line"] = "laser_line"
@@ -42,9 +48,11 @@ class LaserLineRig(RigSpec):
     effects: LineEffects | None = None
     ambient_e_per_s: Rate = 0.0
     ambient: AmbientSpectrum | None = None
+    even_light_e_per_s: Rate | None = None
     t0_s: MomentTime
     motion_m_per_s: Velocity | None = None
     turn_rad_per_s: tuple[_Turn, _Turn, _Turn] | None = None
+    auto_exposure: AutoExposure | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

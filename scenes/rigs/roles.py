@@ -26,6 +26,7 @@ Role = str | Steps
 #: Every role, and what its path holds. A role of a kind may lead to an option that a scene leaves out.
 ROLES: dict[str, str] = {
     "ambient": "photoelectrons of ambient light per second, in one pixel or photodetector with its gate open",
+    "baseline": "place (x, y, z) of the light's source in the camera frame, m",
     "fluctuation": "relative rms fluctuation of the emitted energy or power",
     "full-well": "full well, electrons",
     "gain": "gain of the converter, DN per electron",
@@ -40,6 +41,7 @@ ROLES: dict[str, str] = {
     "sampling": "delays or samples in time, as `Steps`",
     "screen": "spec of the screen before the target",
     "shot-jitter": "rms timing jitter of one pulse against the next, s",
+    "stand-off": "distance of the camera's window from its entrance pupil, m",
     "start": "first delay or sample in time, s",
 }
 

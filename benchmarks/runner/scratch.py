@@ -1,0 +1,67 @@
+"""Folders for temporary files that are removed also after a kill: the next run removes those whose owner has ended.
+
+An owner holds a lock on `LOCK` in its folder until it ends, whatever ends it. The lock is taken before the file has its name,
+so that a folder with this name and no lock has no owner. A folder without the file, of another user, or that is a link is
+never touched.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+__all__ = ["LOCK", "scratch_folder", "sweep"]
+
+LOCK = ".beambench-scratch"
+_NAME = re.compile(r"beambench-(run-|truth-|estimate-)[A-Za-z0-9_]{8}")
+
+
+@contextmanager
+def scratch_folder(kind: str) -> Iterator[Path]:
+    """A private temporary folder, removed at the end; `kind` is "run", "truth" or "estimate". Raises OSError.
+
+    What owners that have ended left behind is removed first.
+    """
+    sweep()
+    folder = Path(tempfile.mkdtemp(prefix=f"beambench-{kind}-"))
+    try:
+        handle = os.open(folder / f"{LOCK}.new", os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+        try:
+            with suppress(OSError):  # some file systems have no locks: then nothing is swept either
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.rename(folder / f"{LOCK}.new", folder / LOCK)
+            yield folder
+        finally:
+            os.close(handle)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def sweep() -> list[Path]:
+    """Remove the temporary folders whose owner has ended, and return them."""
+    removed = []
+    try:
+        names = [name for name in os.listdir(tempfile.gettempdir()) if _NAME.fullmatch(name)]
+    except OSError:
+        return []
+    for name in names:
+        folder = Path(tempfile.gettempdir()) / name
+        with suppress(OSError):
+            status = os.lstat(folder)
+            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
+                continue
+            handle = os.open(folder / LOCK, os.O_RDWR | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+                removed.append(folder)
+            finally:
+                os.close(handle)
+    return removed

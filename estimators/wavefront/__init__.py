@@ -1,0 +1,1 @@
+"""Estimators of wavefronts from spot fields: positions of spots, slopes, and reconstructions."""

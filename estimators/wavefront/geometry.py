@@ -1,0 +1,146 @@
+"""The geometry that a wavefront rig declares: lenslets on the camera and in the pupil, and the shape of a spot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from ...scenes.errors import InputError
+from ..declared import check_keys
+from ..rig import DeclaredRig
+from .declared import WAVEFRONT_KEYS
+
+__all__ = ["Geometry", "Spot", "declared_geometry", "declared_spot"]
+
+Float = npt.NDArray[np.float64]
+
+#: Nodes per pixel of the tables of a spot: linear interpolation errs by P''/8·_FINE² = 1e-7 of its height.
+_FINE = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Lenslets as declared.
+
+    place_px (lenslet, axis): column and row of the spot of a flat wavefront. site (lenslet, 2): row and column in the array.
+    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. rad_per_px: slope that moves a spot by 1 px.
+    """
+
+    place_px: Float
+    site: npt.NDArray[np.int64]
+    centre_m: Float
+    pitch_m: float
+    pitch_px: float
+    rotation_rad: float
+    rad_per_px: float
+    wavelength_m: float
+    shape: str
+    diameter_m: float
+    samples: int
+    step_m: float
+    modes: int
+
+    @property
+    def wavenumber(self) -> float:
+        """k = 2π/λ [1/m]: phase over optical path."""
+        return 2.0 * np.pi / self.wavelength_m
+
+    def own_axes(self, slope: Float) -> Float:
+        """Slopes (…, axis) along the camera's axes as those along the array's."""
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return np.asarray(slope @ np.array([[c, -s], [s, c]]))
+
+
+@lru_cache(maxsize=8)
+def declared_geometry(rig: DeclaredRig) -> Geometry:
+    """The geometry of a declared rig. Raises InputError for a missing or unusable value, or lists of different lengths."""
+    check_keys(rig, WAVEFRONT_KEYS)
+    names = ("col_px", "row_px", "row", "col", "x_m", "y_m")
+    lists = {name: rig.numbers(f"lenslets.{name}") for name in names}
+    if len({values.size for values in lists.values()}) != 1:
+        raise InputError(
+            "The declared lists of lenslets have different lengths.", where="attribute rig: lenslets",
+            value={name: values.size for name, values in lists.items()}, allowed="one value per used lenslet in each",
+        )  # fmt: skip
+    pitch, focal = rig.number("lenslets.pitch_m"), rig.number("lenslets.focal_length_m")
+    pixel = rig.number("camera.pixel_pitch_m")
+    return Geometry(
+        place_px=np.stack([lists["col_px"], lists["row_px"]], axis=1),
+        site=np.stack([lists["row"], lists["col"]], axis=1).astype(np.int64),
+        centre_m=np.stack([lists["x_m"], lists["y_m"]], axis=1),
+        pitch_m=pitch,
+        pitch_px=pitch / pixel,
+        rotation_rad=rig.number("lenslets.rotation_rad"),
+        rad_per_px=pixel / focal,
+        wavelength_m=rig.number("laser.wavelength_m"),
+        shape=rig.word("pupil.shape", "disc", "square"),
+        diameter_m=rig.number("pupil.diameter_m"),
+        samples=rig.whole("pupil.samples"),
+        step_m=rig.number("pupil.step_m"),
+        modes=rig.whole("pupil.modes", least=2),
+    )
+
+
+class Spot:
+    """The declared spot along one axis: its share in a pixel whose centre lies u px beside the spot, and derivatives by u.
+
+    Shares of all pixels sum to the share of the light that the samples hold, which is 1 but for the tails beyond them.
+    """
+
+    def __init__(self, start_px: float, step_px: float, value: Float) -> None:
+        u = start_px + step_px * np.arange(value.size)
+        whole = CubicSpline(u, value / (value.sum() * step_px), extrapolate=False).antiderivative()
+        fine = np.arange(u[0] + 0.5, u[-1] - 0.5 + 0.5 * step_px, step_px)
+        edge = np.clip(np.stack([fine + 0.5, fine - 0.5]), u[0], u[-1])
+        share = CubicSpline(fine, np.asarray(whole(edge[0]) - whole(edge[1])), extrapolate=False)
+        grid = np.arange(fine[0], fine[-1], 1.0 / _FINE)
+        #: u [px] of the tables' first node, and nodes per pixel.
+        self.start_px, self.per_px = float(grid[0]), _FINE
+        self._table = [
+            np.append(np.nan_to_num(one(grid)), 0.0) for one in (share, share.derivative(1), share.derivative(2))
+        ]
+        #: rms width [px] of the core: that of the Gaussian of equal peak.
+        self.sigma_px = float(1.0 / (np.sqrt(2.0 * np.pi) * max(float(value.max() / (value.sum() * step_px)), 1e-300)))
+
+    @property
+    def tables(self) -> tuple[Float, Float]:
+        """P(u) and dP/du at the nodes."""
+        return self._table[0], self._table[1]
+
+    def _looked_up(self, u: Float, which: int) -> Float:
+        """Linear between nodes 1/_FINE px apart, and 0 beyond the samples."""
+        table = self._table[which]
+        at = (u - self.start_px) * self.per_px
+        last = table.size - 2
+        node = np.clip(at, 0.0, last).astype(np.intp)
+        value = table[node] + (at - node) * (table[node + 1] - table[node])
+        return np.asarray(np.where((at >= 0.0) & (at <= last), value, 0.0))
+
+    def share(self, u: Float) -> Float:
+        """P(u), dimensionless; 0 beyond the samples."""
+        return self._looked_up(u, 0)
+
+    def slope(self, u: Float) -> Float:
+        """dP/du [1/px]."""
+        return self._looked_up(u, 1)
+
+    def bend(self, u: Float) -> Float:
+        """d²P/du² [1/px²]."""
+        return self._looked_up(u, 2)
+
+
+@lru_cache(maxsize=8)
+def declared_spot(rig: DeclaredRig) -> Spot:
+    """The spot of a declared rig. Raises InputError for samples that are no spot."""
+    check_keys(rig, WAVEFRONT_KEYS)
+    value = rig.numbers("spot.value")
+    if value.size < 8 or not value.sum() > 0 or value.size * rig.number("spot.step_px") < 3.0:
+        raise InputError(
+            "The declared spot cannot be used.", where="attribute rig: spot.value", value=value.size,
+            allowed="8 samples or more of positive sum, over 3 px or more",
+        )  # fmt: skip
+    return Spot(rig.number("spot.start_px"), rig.number("spot.step_px"), value)

@@ -1,0 +1,97 @@
+"""The choice of the rung by its predicted error: a small array of the scene's optics, rendered at every rung."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ...scenes.errors import InputError
+from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
+from ...scenes.rigs.wavefront_geometry import lattice_of, spot_px
+from ...scenes.scene import Scene
+from ..choice import Choice, Rung, chosen
+from ..request import Request
+from .field import Pupils
+from .light import reflectors
+from .possible import MOST_ROTATION_DEG
+from .spots import spot_image
+
+__all__ = ["choose", "predicted"]
+
+#: Lenslets of a side of the pilot, and the draws of turbulence of which the worse one counts.
+_ACROSS, _DRAWS = 6, (0, 1, 2)
+_RUNGS: tuple[Rung, ...] = ("geometric", "isolated", "coherent")
+
+
+def choose(scene: Scene, request: Request) -> Choice:
+    """The cheapest rung whose image differs from that of `coherent` by less than `rtol` of its root mean square; with "noise", by
+    less than the noise of a spot's brightest pixel.
+
+    The difference is that of the pilot: blur within lenslets, and interference between them. Scintillation is left out by all.
+
+    Raises:
+        InputError: an array turned against its pixels by more than 2°, whose fields no rung models.
+    """
+    rig = wavefront_rig(scene)
+    if abs(rig.lenslets.rotation_deg) > MOST_ROTATION_DEG:
+        raise InputError(
+            "No rung can be compared with one that adds fields: the array is turned against its pixels.",
+            where=f"{scene.name}: rig.lenslets.rotation_deg", value=rig.lenslets.rotation_deg,
+            allowed=f"-{MOST_ROTATION_DEG:g} to {MOST_ROTATION_DEG:g}", next_step='give fidelity="geometric"',
+        )  # fmt: skip
+    error = predicted(scene)
+    limit = _noise(scene) if request.rtol == "noise" else float(request.rtol)
+    rung = next(rung for rung in _RUNGS if error[rung] <= limit)
+    shown: dict[str, float] = {str(name): value for name, value in error.items()}
+    basis = f"{_ACROSS} × {_ACROSS} lenslets of the scene's optics, the worst of {len(_DRAWS)} draws"
+    return chosen(rung, shown, limit, max(limit, 1e-6), basis, {}, supersedes=False)
+
+
+def predicted(scene: Scene) -> dict[Rung, float]:
+    """Error of each rung's spots, rms over rms of those of `coherent`, of the pilot. The flat wave counts as a draw."""
+    ranges = [one.range_m for one in reflectors(scene)]
+    return dict(
+        zip(_RUNGS, _predicted(_pilot(wavefront_rig(scene)).model_dump_json(), max(ranges, default=1.0)), strict=True)
+    )
+
+
+@lru_cache(maxsize=16)
+def _predicted(rig_json: str, range_m: float) -> tuple[float, float, float]:
+    rig = WavefrontRig.model_validate_json(rig_json)
+    lit = lattice_of(rig, every=True)
+    worst = np.zeros(3)
+    for seed in _DRAWS:
+        phase = Pupils(rig, lattice_of(rig), seed, 0).phase(0, range_m)
+        images = [spot_image(rig, lit, np.exp(1j * phase), 1.0, rung) for rung in _RUNGS]
+        whole = float(np.sqrt((images[2] ** 2).sum()))
+        worst = np.maximum(worst, [float(np.sqrt(((image - images[2]) ** 2).sum())) / whole for image in images])
+    return float(worst[0]), float(worst[1]), float(worst[2])
+
+
+def _pilot(rig: WavefrontRig) -> WavefrontRig:
+    """The same optics with few lenslets, all lit, in one frame."""
+    array = rig.lenslets
+    across = min(_ACROSS, array.across)
+    side = across * array.pitch_m
+    pixels = int(np.ceil(side / rig.camera.pixel_pitch_m)) + 4
+    return rig.model_copy(
+        update={
+            "lenslets": array.model_copy(update={"across": across, "missing": (), "offset_m": (0.0, 0.0)}),
+            "pupil": rig.pupil.model_copy(update={"shape": "square", "diameter_m": side}),
+            "bench": rig.bench.model_copy(update={"beam_diameter_m": 2.0 * side}),
+            "camera": rig.camera.model_copy(update={"rows": pixels, "cols": pixels}),
+            "frames": rig.frames.model_copy(update={"count": 1}),
+            "aberration": None,
+        }
+    )
+
+
+def _noise(scene: Scene) -> float:
+    """Standard deviation of a spot's brightest pixel over its light, within 1e-4 … 0.5."""
+    rig = wavefront_rig(scene)
+    detector, tube = rig.detector, rig.detector.intensifier
+    gain, excess = (1.0, 1.0) if tube is None else (tube.gain, tube.excess_noise_factor)
+    peak = max((one.electrons for one in reflectors(scene)), default=0.0) * min(1.0, spot_px(rig) ** -2)
+    floor = (detector.read_noise_e**2 + 1.0 / (12.0 * detector.gain_dn_per_e**2)) / gain**2
+    return float(np.clip(np.sqrt(excess * peak + floor) / peak, 1e-4, 0.5)) if peak > 0 else 0.5

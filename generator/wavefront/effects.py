@@ -1,0 +1,40 @@
+"""The catalogue of effects of wavefront captures: what a rung models, what it leaves out, and how large that is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...scenes.rigs.wavefront import wavefront_rig
+from ...scenes.rigs.wavefront_turbulence import layers_of
+from ...scenes.scene import Scene
+from ..effect import Effect, effect
+from .expected import Sensed
+
+__all__ = ["catalogue"]
+
+
+def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
+    """Every catalogued effect at the rung. Sizes are shares of the spots' light."""
+    rig = wavefront_rig(scene)
+    detector = rig.detector
+    fields = rung != "geometric"
+    blur = float(-np.expm1(-(sensed.spread_rad**2)))
+    return [
+        effect("mean slope of each lenslet", True, 1.0, "spots moved by f times the slope"),
+        effect("diffraction at the lenslets", True, None, "sinc² of the clear square, integrated over pixels"),
+        effect("spots blurred by the phase within a lenslet", fields, blur, "1 − e^(−σ²), σ the phase's rms about its plane"),
+        effect("light of neighbouring lenslets", True, None, "intensities added" if rung != "coherent" else "fields added"),
+        effect("interference of neighbouring lenslets", rung == "coherent", None, "depends on the pistons of neighbours"),
+        effect("scintillation", False, None if layers_of(rig.turbulence) else 0.0, "layers are thin phase screens"),
+        effect("beam attenuation", True, None, "e^(−2cr)"),
+        effect("scattered light in the gate", scene.medium.scattering_per_m > 0, None, "single scatter, even over the image"),
+        effect("photon noise", True, None, "Poisson"),
+        effect("excess noise of the tube", detector.intensifier is not None, None, "gamma"),
+        effect("phosphor's point spread", bool(detector.intensifier and detector.intensifier.phosphor_sigma_px), None, "Gaussian"),
+        effect("dark current", True, None, "Poisson"),
+        effect("read noise", True, None, "Gaussian"),
+        effect("PRNU", bool(detector.prnu), detector.prnu, "rms"),
+        effect("DSNU", bool(detector.dsnu_e), None, "fixed offsets"),
+        effect("lenslets that differ", False, None, "not modelled: all have one focal length and no aberration"),
+        effect("speckle of a diffuse target", False, 0.0 if rig.reflection == "mirror" else None, "not modelled"),
+    ]  # fmt: skip

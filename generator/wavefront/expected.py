@@ -1,0 +1,134 @@
+"""What is expected of every frame and of the reference, with the truth; and their detector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...scenes.rigs.wavefront import wavefront_rig
+from ...scenes.rigs.wavefront_geometry import Lattice, lattice_of
+from ...scenes.rigs.wavefront_spec import WavefrontRig
+from ...scenes.scene import Scene
+from ..detector import detect, fixed_pattern
+from ..effect import no_light
+from ..model import Expected
+from ..request import Request
+from .field import Pupils
+from .light import coordinates, echoes, pedestal, reflectors
+from .spots import spot_image
+from .truth import Projector, slopes
+
+__all__ = ["Sensed", "expect", "read"]
+
+Float = NDArray[np.float64]
+
+#: Exposures of the reference that are drawn together, and what tells their random streams from those of frames.
+_AT_ONCE, _REFERENCE_KEY = 16, 1 << 40
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """What the effects are judged by. flux (frame, lenslet), pedestal (frame): photoelectrons; spread_rad: rms of the phase within
+    lenslets about their mean slope, the greatest over frames; reference: expected photoelectrons (rows, cols) of an exposure."""
+
+    flux: Float
+    pedestal: Float
+    spread_rad: float
+    reference: NDArray[np.float32]
+
+
+def expect(scene: Scene, request: Request) -> Expected[Sensed]:
+    """Expected photoelectrons of every frame, ambient and scattered light included and dark current not, with the truth.
+
+    The truth is that of the reflector that sends most light through the frame's gate. Raises InputError for an impossible scene.
+    """
+    rig = wavefront_rig(scene)
+    lattice, lit, coords = lattice_of(rig), lattice_of(rig, every=True), coordinates(scene)
+    delay = np.asarray(coords["delay"])
+    per_lenslet, level = echoes(scene, delay, request.seed, request.capture_key), pedestal(scene, delay)
+    pupils = Pupils(rig, lattice, request.seed, request.capture_key)
+    shape = (rig.frames.count, rig.camera.rows, rig.camera.cols)
+    electrons = np.empty(shape, dtype=np.float32)
+    truth = _Truth(rig, lattice)
+    ranges = [one.range_m for one in reflectors(scene)]
+    for frame in range(rig.frames.count):
+        image = np.full(shape[1:], level[frame])
+        main = int(np.argmax(per_lenslet[frame]))
+        for number, at in enumerate(ranges):
+            if per_lenslet[frame, number] <= 0.0 and number != main:
+                continue
+            phase = pupils.phase(frame, at)
+            field = np.exp(1j * phase)
+            if per_lenslet[frame, number] > 0.0:
+                image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung)
+            if number == main:
+                truth.add(field, phase, float(per_lenslet[frame].sum()))
+        electrons[frame] = image
+    flat = np.ones((len(lattice.grid_m) + 2,) * 2, complex)
+    reference = spot_image(rig, lit, flat, float(per_lenslet[0].sum()), request.rung) + level[0]
+    held = truth.arrays() | {"truth_background": level + _dark(rig)}
+    if request.truth_electrons:
+        held["truth_electrons"] = electrons + np.float32(_dark(rig))
+    dark = not per_lenslet.any()
+    warnings = (no_light(scene, "frame", "the gate"),) if dark else ()
+    sensed = Sensed(held["truth_flux"], level, truth.spread, reference.astype(np.float32))
+    return Expected(electrons, coords, held, 0, sensed, warnings)
+
+
+def _dark(rig: WavefrontRig) -> float:
+    """Dark electrons of a pixel in one frame that join before the read noise, in photoelectrons; none behind an intensifier."""
+    return 0.0 if rig.detector.intensifier is not None else rig.detector.dark_current_e_per_s * rig.detector.exposure_s
+
+
+class _Truth:
+    """The truth of the frames, one after the other."""
+
+    def __init__(self, rig: WavefrontRig, lattice: Lattice) -> None:
+        self._rig, self._lattice = rig, lattice
+        self._projector = Projector(lattice, rig.pupil.diameter_m, rig.pupil.modes)
+        self._held: dict[str, list[Any]] = {name: [] for name in ("field", "slope", "phase", "zernike", "flux")}
+        self.spread = 0.0
+
+    def add(self, field: NDArray[np.complex128], phase: Float, flux: float) -> None:
+        inner = phase[1:-1, 1:-1]
+        held, lattice, samples = self._held, self._lattice, self._rig.pupil.samples
+        held["field"].append(np.where(lattice.mask, field[1:-1, 1:-1], 0.0).astype(np.complex64))
+        held["slope"].append(slopes(field, lattice, samples, self._rig.wavelength_m))
+        held["phase"].append(self._projector.shown(inner))
+        held["zernike"].append(self._projector.coefficients(inner))
+        held["flux"].append(np.full(lattice.row.size, flux))
+        self.spread = max(self.spread, _spread(inner, lattice, samples))
+
+    def arrays(self) -> dict[str, Any]:
+        """{variable: (frame, …)}."""
+        return {f"truth_{name}": np.stack(values) for name, values in self._held.items()}
+
+
+def _spread(phase: Float, lattice: Lattice, samples: int) -> float:
+    """rms [rad] over the used lenslets of the phase about its best plane in each."""
+    across = len(lattice.grid_m) // samples
+    tiles = phase.reshape(across, samples, across, samples).transpose(0, 2, 1, 3)[lattice.row, lattice.col]
+    t = (np.arange(samples) - 0.5 * (samples - 1)) / max(samples - 1, 1)
+    x, y = np.broadcast_to(t, (samples, samples)), np.broadcast_to(t[:, None], (samples, samples))
+    basis = np.stack([np.ones_like(x), x, y]).reshape(3, -1)
+    flat = tiles.reshape(len(tiles), -1)
+    rest = flat - flat @ np.linalg.pinv(basis) @ basis
+    return float(np.sqrt(np.mean(rest**2)))
+
+
+def read(scene: Scene, expected: Expected[Sensed], request: Request) -> dict[str, NDArray[Any]]:
+    """Counts of the frames, and the mean of the reference's exposures, which the same detector draws."""
+    rig = wavefront_rig(scene)
+    pattern = fixed_pattern(rig.detector, rig.camera.rows, rig.camera.cols)
+    number = rig.frames.reference_exposures
+    counts = detect(expected.electrons, rig.detector, pattern, request.seed, request.capture_key)
+    total = np.zeros(expected.light.reference.shape)
+    # Streams of their own: the key of the capture, moved.
+    for first in range(0, number, _AT_ONCE):
+        some = np.repeat(expected.light.reference[None], min(_AT_ONCE, number - first), axis=0)
+        key = request.capture_key ^ (_REFERENCE_KEY + first)
+        total += detect(some, rig.detector, pattern, request.seed, key).sum(axis=0, dtype=np.float64)
+    return {"counts": counts, "reference": (total / number).astype(np.float32)}

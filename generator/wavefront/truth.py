@@ -1,0 +1,61 @@
+"""The truth of a frame: slopes averaged over lenslets, the phase, and its Zernike coefficients.
+
+Slope of lenslet l: Im∫u*∇u dA/(k∫|u|² dA) over its clear square. With increments arg(u_b u_a*) between neighbouring samples the
+mean of the two beside each sample takes the place of Im(u*∇u)/|u|²: exact for fields of even light.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...optics.zernike import zernike
+from ...scenes.rigs.wavefront_geometry import Lattice
+
+__all__ = ["Projector", "slopes"]
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def slopes(field: Complex, lattice: Lattice, samples: int, wavelength_m: float) -> Float:
+    """Slopes [rad] (lenslet, axis) along the camera's x and y, of a field (side + 2, side + 2) with one sample around the grid.
+
+    NaN where a lenslet receives no light.
+    """
+    power = np.abs(field[1:-1, 1:-1]) ** 2 * lattice.open
+    along_x = np.angle(field[1:-1, 1:] * np.conj(field[1:-1, :-1]))
+    along_y = np.angle(field[1:, 1:-1] * np.conj(field[:-1, 1:-1]))
+    steps = (0.5 * (along_x[:, 1:] + along_x[:, :-1]), 0.5 * (along_y[1:] + along_y[:-1]))
+    across = len(lattice.grid_m) // samples
+
+    def per_lenslet(values: Float) -> Float:
+        whole = values.reshape(across, samples, across, samples).sum(axis=(1, 3))
+        return np.asarray(whole[lattice.row, lattice.col])
+
+    light = per_lenslet(power)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = [per_lenslet(power * step) / light for step in steps]
+    k = 2.0 * np.pi / wavelength_m
+    own = [np.where(light > 0, value / (k * lattice.step_m), np.nan) for value in own]
+    c, s = np.cos(lattice.rotation_rad), np.sin(lattice.rotation_rad)
+    return np.stack([c * own[0] - s * own[1], s * own[0] + c * own[1]], axis=1)
+
+
+class Projector:
+    """Least squares of Zernike coefficients over the samples inside the pupil."""
+
+    def __init__(self, lattice: Lattice, diameter_m: float, modes: int) -> None:
+        self.mask = lattice.mask
+        unit = lattice.grid_m / (0.5 * diameter_m)
+        x, y = np.broadcast_arrays(unit[None, :], unit[:, None])
+        self._values = zernike(range(1, modes + 1), x[self.mask], y[self.mask])
+        self._gram = np.linalg.inv(self._values @ self._values.T)
+
+    def coefficients(self, phase: Float) -> Float:
+        """Coefficients [rad rms] (mode), Noll's index from 2, of a phase (side, side)."""
+        return np.asarray(self._gram @ (self._values @ phase[self.mask]))[1:]
+
+    def shown(self, phase: Float) -> Float:
+        """The phase without its mean over the pupil, NaN outside."""
+        return np.asarray(np.where(self.mask, phase - phase[self.mask].mean(), np.nan))

@@ -1,0 +1,1 @@
+"""From slopes to a wave: zonal and modal linear algebra, priors, and the errors that follow from them."""

@@ -1,0 +1,57 @@
+"""The spec of a wavefront rig: a gated Shack-Hartmann sensor. No physical value has a default."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import SerializerFunctionWrapHandler, model_serializer
+
+from ..quantities import MomentTime, Rate
+from ..waveforms import Gate
+from .kind import RigSpec
+from .parts import Detector
+from .wavefront_parts import ArrayCamera, BeamLaser, Bench, Lenslets, Pupil, Series
+from .wavefront_turbulence import Aberration, Turbulence
+
+__all__ = ["WavefrontRig"]
+
+#: Absent options are left out of the data.
+_OPTIONAL = ("aberration",)
+
+
+class WavefrontRig(RigSpec):
+    """A collimated pulsed beam, a reflector in the water, and lenslets before a gated camera (Guo et al. 2017, section 6).
+
+    The reflectors are the scene's target, flat and square to the beam; `reflection` says what they return: "mirror", the beam
+    itself, so that the phase of the way out doubles on the way back, or "diffuse", light from a spot on the target, whose phase
+    is that of the way back. Speckle is not modelled: it is taken as averaged away.
+    `turbulence` lies in the water and is not declared. `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
+    """
+
+    kind: Literal["wavefront"] = "wavefront"
+    laser: BeamLaser
+    bench: Bench
+    lenslets: Lenslets
+    pupil: Pupil
+    camera: ArrayCamera
+    gate: Gate
+    frames: Series
+    detector: Detector
+    reflection: Literal["mirror", "diffuse"]
+    turbulence: Turbulence
+    aberration: Aberration | None = None
+    ambient_e_per_s: Rate
+    t0_s: MomentTime
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        for name in _OPTIONAL:
+            if data.get(name) is None:
+                data.pop(name, None)
+        return data
+
+    @property
+    def wavelength_m(self) -> float:
+        """Vacuum wavelength of the laser, m."""
+        return self.laser.wavelength_m

@@ -1,0 +1,151 @@
+"""Automatic exposure and gain of laser-line cameras: what the control does, what captures hold, and what finders make of them."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beambench.captures.hide import hide_truth
+from beambench.estimators import run_estimator
+from beambench.generator.generate import generate
+from beambench.generator.laser_line.exposure import control
+from beambench.scenes.errors import InputError
+from beambench.scenes.load import load_scene
+from beambench.scenes.rigs.laser_line import laser_line_rig
+from beambench.scenes.spec_files import LIBRARY, read_spec_file
+
+#: 8 bits: 200 DN of 255, offset 8 DN, .005 DN per electron: 38,400 electrons of signal.
+AUTO = {"target_dn": 200.0, "exposure_s": [1e-3, 2e-2], "gain": [1.0, 8.0], "speed": 1.0, "start": "settled"}
+TARGET_E = 192.0 / 5e-3
+
+
+def _rig(**changes: Any) -> Any:
+    return laser_line_rig(load_scene("spotscan-wall", {"rig.auto_exposure": AUTO | changes}))
+
+
+def test_without_it_nothing_changes() -> None:
+    """Not a key in scene, declared rig and capture."""
+    scene = load_scene("spotscan-wall", {"rig.camera.rows": 8})
+    assert "auto_exposure" not in json.dumps(scene.model_dump(mode="json"))
+    capture = generate(scene, seed=1, fidelity="direct", rtol=0.3)
+    assert (
+        "auto_exposure" not in capture.attrs["rig"]
+        and "gain" not in capture.coords
+        and "exposure" not in capture.coords
+    )
+
+
+def test_exposure_first_then_gain_within_their_limits() -> None:
+    """5 ms of the detector: signals that need ½, 3, 10 and 1000 times the light. A clipped pixel is still brought down."""
+    for needs, exposure, gain in (
+        (0.5, 0.5, 1.0),
+        (3.0, 3.0, 1.0),
+        (10.0, 4.0, 2.5),
+        (1000.0, 4.0, 8.0),
+        (0.01, 0.2, 1.0),
+    ):
+        factor, factor_gain = control(_rig(), np.full(3, TARGET_E / needs))
+        assert factor == pytest.approx(exposure, rel=1e-6) and factor_gain == pytest.approx(gain, rel=1e-6)
+
+
+def test_the_control_follows_with_its_speed() -> None:
+    """A target that darkens by 4 at once: with a speed of ½ the product of exposure and gain is short of it by 4^(½^k) after k
+    frames. One that brightens by 16 clips the converter, which shows at most 247/192 of the aim: the way back is slow."""
+    signal = np.array([1.0, *[0.25] * 8]) * TARGET_E
+    factor, gain = control(_rig(speed=0.5), signal)
+    short = 4.0 / (factor * gain)[1:]
+    assert short == pytest.approx(4.0 ** (0.5 ** np.arange(8)), rel=1e-6)
+    factor, gain = control(_rig(speed=1.0, exposure_s=[1e-5, 1.0]), np.array([1.0, *[16.0] * 15]) * TARGET_E)
+    product = (factor * gain)[1:]
+    step = 192.0 / 247.0
+    assert product[:3] == pytest.approx(step ** np.arange(3), rel=1e-6)
+    assert product[-1] == pytest.approx(1 / 16, rel=1e-6)
+    assert (product * 16.0 > 247.0 / 192.0)[:10].sum() == 10  # overexposed for ten frames
+
+
+def test_the_detector_starts_with_its_own_exposure() -> None:
+    factor, gain = control(_rig(start="detector"), np.full(3, TARGET_E / 2.0))
+    assert factor == pytest.approx([1.0, 2.0, 2.0]) and gain == pytest.approx(1.0)
+
+
+def test_a_capture_holds_its_settings_and_finders_read_them() -> None:
+    """A wall that is 20 times darker: exposure 4 times, gain above 1. The brightest pixel comes to 200 DN, expectation and counts
+    agree, and the stated error is not too small: rounding counts as at the least gain."""
+    changes = {"rig.auto_exposure": AUTO, "target.wall.material.albedo": 0.02, "rig.frames.laser_off": 1}
+    scene = load_scene("spotscan-wall", changes)
+    capture = generate(scene, seed=2, fidelity="direct", rtol=0.05, truth_electrons=True)
+    factor, gain = capture["exposure"].values / 5e-3, capture["gain"].values
+    assert factor == pytest.approx(4.0) and (gain > 1.5).all() and np.ptp(gain) == 0
+    mean = 8.0 + capture["truth_electrons"].values * 5e-3 * gain[:, None, None]
+    assert mean[:2].max() == pytest.approx(200.0, abs=0.5)
+    apart = capture["counts"].values[:2] - mean[:2]
+    noise = np.sqrt(capture["truth_electrons"].values[:2] + 3600.0) * 5e-3 * gain[0]
+    # 98,304 pixels: the mean to 4 of its standard errors, and to the rounding's 1/√12 each.
+    assert abs(apart.mean()) < 4.0 * np.sqrt((noise**2 + 1 / 12).mean() / apart.size)
+    assert (apart**2).mean() == pytest.approx((noise**2 + 1 / 12).mean(), rel=0.02)
+    found = run_estimator("line-ml", hide_truth(capture))
+    ok = found["valid"].values[:2]
+    z = ((found["column"] - capture["truth_column"]) / found["sigma"]).values[:2][ok]
+    assert ok.mean() > 0.99 and 0.85 < np.sqrt((z**2).mean()) < 1.1
+    with pytest.raises(InputError, match="not positive"):
+        run_estimator("line-ml", hide_truth(capture).assign_coords(gain=("frame", [1.0, 0.0, 1.0])))
+
+
+def test_frames_of_other_exposures_are_subtracted_by_their_rates() -> None:
+    """Even ambient light, the first frame with the detector's exposure, the others longer: what is left has a mean of zero."""
+    changes = {
+        "rig.auto_exposure": AUTO | {"start": "detector"}, "target.wall.material.albedo": 0.1, "rig.frames.laser_off": 2,
+        "rig.ambient_e_per_s": 2e5,
+    }  # fmt: skip
+    capture = hide_truth(generate(load_scene("spotscan-wall", changes), seed=3, fidelity="direct", rtol=0.1))
+    assert len(np.unique(capture["exposure"].values)) == 2
+    from beambench.estimators.laser_line.frames import Scale, read_frames
+    from beambench.estimators.rig import read_rig
+
+    scale = Scale.of(read_rig(capture))
+    read = read_frames(capture, scale, "subtracted")
+    left = scale.electrons(read.counts).reshape(read.shape)[:2, :, :40]  # beside the line
+    # 10,240 pixels a frame, noise of 100 electrons and of the mean of two others.
+    assert np.abs(left.mean(axis=(1, 2))).max() < 6.0
+    found = run_estimator("line-ml[off_frames=subtracted]", capture)
+    assert found["valid"].values[:2].mean() > 0.95
+
+
+def test_a_level_that_the_converter_lacks_is_refused() -> None:
+    for level in (8.0, 255.0, 300.0):
+        with pytest.raises(InputError, match="aims at a level"):
+            load_scene("spotscan-wall", {"rig.auto_exposure": AUTO | {"target_dn": level}})
+    with pytest.raises(InputError, match="least value first"):
+        load_scene("spotscan-wall", {"rig.auto_exposure": AUTO | {"gain": [2.0, 1.0]}})
+
+
+def test_a_line_filter_lets_the_line_be_found_beside_the_vehicles_lamps() -> None:
+    """300 lx of a black body of 3200 K on the wall: without a filter every pixel is full, through 3 nm the line is found.
+    The two rates are in the ratio of photons in the two bands, here by Planck's law written out. What the filter
+    takes of the laser's own light is part of the camera's transmission."""
+    lamp = {
+        "kind": "spectrum", "temperature_k": 3200.0, "illuminance_lux": 300.0, "reflectance": 0.5, "water": "none",
+        "quantum_efficiency": {"wavelength_m": [300e-9, 800e-9], "value": [0.3, 0.3]},
+    }  # fmt: skip
+    filters = {
+        "open": {"shape": "rectangular", "centre_m": 550e-9, "fwhm_m": 480e-9, "peak": 1.0},
+        "line": {"shape": "gaussian", "centre_m": 532e-9, "fwhm_m": 3e-9, "peak": 0.8},
+    }
+    rate, found = {}, {}
+    for name, band in filters.items():
+        data = read_spec_file(LIBRARY / "spotscan-wall.toml")
+        del data["rig"]["ambient_e_per_s"]
+        data["rig"] |= {"ambient": lamp | {"filter": band}}
+        scene = load_scene(data)
+        rate[name] = laser_line_rig(scene).ambient_e_per_s
+        capture = generate(scene, seed=1, fidelity="direct", rtol=0.3)
+        found[name] = float(run_estimator("line-ml", hide_truth(capture))["valid"].values.mean())
+    wave = np.linspace(310e-9, 790e-9, 200_001)
+    photons = wave**-4 / np.expm1(1.438777e-2 / (wave * 3200.0))
+    passed = 0.8 * np.exp(-4.0 * np.log(2.0) * ((wave - 532e-9) / 3e-9) ** 2)
+    ratio = np.trapezoid(photons * passed, wave) / np.trapezoid(photons, wave)
+    assert rate["line"] / rate["open"] == pytest.approx(ratio, rel=2e-3)
+    assert found["open"] == 0.0 and found["line"] > 0.99
