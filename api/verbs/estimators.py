@@ -124,8 +124,4 @@ def estimators_train(
     if not isinstance(out, str | Path):
         raise InputError("The weights are written to a file.", where="out", value=out, allowed="a path, as w.npz")
     check_free(out, overwrite=overwrite)
-    if local_path(out).exists():
-        from ..estimators.gated.learned import read_weights
-
-        read_weights(str(local_path(out)))  # no other file is replaced
     return train(paths, local_path(out), units=units, ridge=ridge, seed=seed)

@@ -23,7 +23,7 @@ import xarray as xr
 
 from ...captures import open_captures
 from ...scenes.errors import InputError
-from .learned import predict
+from .learned import predict, read_weights
 from .tools.features import FEATURES, SIGNIFICANCE, features_of
 from .tools.instrument import instrument_of
 from .tools.stack import read_stack
@@ -165,10 +165,13 @@ def train(
     """Train on the captures of all stores in `data` and write the weights to `out` (.npz, below 200 kB).
 
     Equal data and parameters give equal bytes on one machine.
+    An older file of weights at `out` is replaced, no other file.
     Returns the numbers of captures and pixels, the rms error of held-out pixels in σ_R, that of the first guess, and bytes.
     Raises InputError for data or parameters that cannot be used.
     """
     _check(units, ridge, seed, min_snr)
+    if Path(out).exists():
+        read_weights(str(out))
     stores = stores_of(data)
     rng = np.random.default_rng([seed, 0])
     parts, names, excess = [], [], 1.0

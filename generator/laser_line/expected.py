@@ -129,17 +129,17 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     rays = sum(light.rays for light in {id(light): light for light in frames}.values())
     traced: dict[str, Any] = {"last_doubling_moved": max(light.change for light in frames)}
     if full:
-        traced |= {
-            "samples_per_pixel": max(rest.samples for rest in rests),
-            "standard_error": max(rest.epsilon for rest in rests),
-            "reached": all(rest.reached for rest in rests),
-        }
-        if not traced["reached"]:
-            warnings += (
-                f"{scene.name}: the paths are used up: the standard error of the traced light is {traced['standard_error']:.2g} "
-                f"of the image, more than rtol {request.error:g}.",
-            )
+        sampling, unreached = _sampling(scene.name, rests, request.error)
+        traced, warnings = traced | sampling, warnings + unreached
     return Expected(electrons, coords, truth, rays, frames[0], warnings, traced)
+
+
+def _sampling(name: str, rests: list[Rest], rtol: float) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """What the capture keeps of the sampling, and the warning where the paths were used up."""
+    error, reached = max(rest.epsilon for rest in rests), all(rest.reached for rest in rests)
+    traced = {"samples_per_pixel": max(rest.samples for rest in rests), "standard_error": error, "reached": reached}
+    used_up = f"{name}: the paths are used up: the standard error of the traced light is {error:.2g} of the image, more than rtol "
+    return traced, () if reached else (f"{used_up}{rtol:g}.",)
 
 
 def frame_rest(setting: Setting, pose: Pose, light: FrameLight, rtol: float, name: tuple[int, int, int]) -> Rest:
