@@ -137,13 +137,13 @@ def test_maximum_likelihood_attains_the_bound_of_a_written_capture(make: Callabl
     assert abs(z.mean()) < 4 / np.sqrt(z.size) and abs((z**2).mean() - 1) < 4 * np.sqrt(2 / z.size)
 
 
-def test_stages_without_laws_are_refused() -> None:
+def test_stages_without_laws_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def none(capture: xr.Dataset) -> xr.Dataset:
         return capture
 
-    for word in ("assignment", "reconstruction", "centroid"):
-        with pytest.raises(InputError, match="no laws for this stage"):
-            check_laws(none, word)
+    with monkeypatch.context() as patch, pytest.raises(InputError, match="no laws for this stage"):
+        patch.setattr("beambench.benchmarks.laws.check.JUDGES", {})
+        check_laws(none, "centroid")
     with pytest.raises(InputError, match="no such stage"):
         check_laws(none, "echo")
     maker = maker_of("gated")

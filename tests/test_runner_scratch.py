@@ -61,7 +61,7 @@ def test_folders_of_others_are_not_swept(temporary: Path, tmp_path: Path) -> Non
     assert sweep() == [] and sorted(temporary.rglob("*")) == before and (victim / LOCK).is_file()
 
 
-@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGHUP])
 def test_a_run_that_is_ended_removes_its_temporary_files(sign: signal.Signals, temporary: Path, tmp_path: Path) -> None:
     command = [*BEAMBENCH, "run", "quickstart", "-o", str(tmp_path / "out"), "--no-report"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as run:

@@ -157,8 +157,7 @@ def test_equal_seeds_give_equal_bits_and_frames_are_draws_of_their_own() -> None
 
 
 def test_a_frozen_flow_moves_the_wavefront() -> None:
-    """A velocity of one lenslet per frame: what a lenslet saw, its neighbour sees in the next frame, but for piston and common tilt
-    of nothing: the screen itself moves."""
+    """A velocity of one lenslet per frame along x: what a lenslet saw, its neighbour at greater x sees in the next frame."""
     layers = [{"range_m": 3.0, "r0_m": 2.5e-3, "velocity_m_per_s": [1.5e-3, 0.0]}]
     change = {"rig.frames.count": 2, "rig.pupil.shape": "square", "rig.pupil.diameter_m": 1.5e-3}
     scene = load_scene("gated-turbulence", {"rig.turbulence": {"kind": "layers", "layers": layers}, **change})
@@ -167,7 +166,7 @@ def test_a_frozen_flow_moves_the_wavefront() -> None:
     slope = np.full((2, 20, 20, 2), np.nan)
     for frame in range(2):
         slope[frame, lattice.row, lattice.col] = capture["truth_slope"].values[frame]
-    first, second = slope[0, 5:15, 6:15], slope[1, 5:15, 5:14]
+    first, second = slope[0, 5:15, 5:14], slope[1, 5:15, 6:15]
     np.testing.assert_allclose(second, first, atol=1e-9)
 
 
@@ -183,8 +182,13 @@ def test_scattered_light_of_a_long_gate() -> None:
     found = float(pedestal(scene, np.array([15e-9]))[0])
     beta = (1 - 0.9**2) / (4 * np.pi * (1 + 0.9**2 + 2 * 0.9) ** 1.5)
     radiance = 1e-10 * 0.25 / (np.pi / 4 * 5e-3**2) * 1e-4 * beta * C * 10e-9 / (2 * 1.35)
+    radiance /= 1.33**2  # L/n² is the same in the air of the array
     electrons = radiance * 150e-6**2 * (17.8e-6 / 6.7e-3) ** 2 * 0.95 * 0.25 * 532e-9 / (6.62607015e-34 * C)
     assert found == pytest.approx(electrons, rel=0.02)  # 400 nodes of the range, e^{−2cz}
+    # The same gate, its zero of time declared elsewhere: the light is where it was.
+    for t0 in (5e-9, 14.9e-9):
+        moved = scene.model_copy(update={"rig": wavefront_rig(scene).model_copy(update={"t0_s": t0})})
+        assert float(pedestal(moved, np.array([15e-9 - t0]))[0]) == pytest.approx(found, rel=1e-3)
 
 
 def test_what_follows_from_pitch_focus_and_pixel() -> None:
@@ -354,3 +358,19 @@ def test_scintillation_is_listed_with_its_size() -> None:
     still = generate(load_scene("gated-turbulence", SMALL | STILL), seed=1)
     effects = {line["name"]: line for line in json.loads(still.attrs["fidelity"])["effects"]}
     assert effects["scintillation"]["predicted_relative_size"] == 0.0
+
+
+def test_a_wavefront_that_its_samples_cannot_hold_is_refused() -> None:
+    """At 4 samples of 150 µm a slope of 8 mrad is 3.5 rad from sample to sample: its field is that of −6.2 mrad."""
+    diameter = wavefront_rig(load_scene("gated-turbulence")).pupil.diameter_m
+    for samples, refused in ((8, False), (4, True)):
+        change = {
+            "rig.turbulence": {"kind": "none"}, "rig.pupil.samples": samples,
+            "rig.aberration": {"noll": [2], "rad": [2 * np.pi / 532e-9 * 8e-3 * diameter / 4]},
+        }  # fmt: skip
+        if not refused:
+            found = generate(load_scene("gated-turbulence", change), seed=1)["truth_slope"].values[..., 0]
+            np.testing.assert_allclose(found, 8e-3, rtol=1e-3)
+            continue
+        with pytest.raises(InputError, match="half a turn"):
+            generate(load_scene("gated-turbulence", change), seed=1)

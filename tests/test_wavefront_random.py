@@ -100,14 +100,18 @@ def _check(seed: int) -> bool:
     rung: Any = RUNGS[seed % 3]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        capture = generate(scene, seed=seed, fidelity=rung, truth_electrons=True)
+        try:
+            capture = generate(scene, seed=seed, fidelity=rung, truth_electrons=True)
+        except InputError as error:
+            assert "half a turn" in error.what or "modes apart" in error.what, error
+            return False
         again = generate(scene, seed=seed, fidelity=rung)
     assert np.array_equal(capture["counts"], again["counts"]) and np.array_equal(
         capture["reference"], again["reference"]
     )
     validate(capture)
     electrons = capture["truth_electrons"].values
-    assert np.isfinite(electrons).all() and electrons.min() >= -1e-6 * max(electrons.max(), 1.0)
+    assert np.isfinite(electrons).all() and electrons.min() >= 0.0
     for name in ("truth_slope", "truth_zernike", "truth_field", "truth_flux"):
         assert np.isfinite(capture[name].values).all(), name
     inside = np.isfinite(capture["truth_phase"].values)

@@ -58,7 +58,8 @@ def wavefront_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     variance = np.stack(
         [spot_sigma(rig, place + s / per_px, f, b) ** 2 for s, f, b in zip(slope, flux, level, strict=True)]
     )
-    variance += spot_sigma(rig, place, flux[0], float(level[0])) ** 2 / rig.frames.reference_exposures
+    best = int(np.argmax(flux.sum(axis=1)))  # the frame in whose light the reference is taken
+    variance += spot_sigma(rig, place, flux[best], float(level[best])) ** 2 / rig.frames.reference_exposures
     sigma = np.where(np.isfinite(slope), np.sqrt(variance), np.nan)
     kind = "exact" if _plain(capture, rig) and _settled(sigma, slope / per_px) else "quasi"
     width, pitch = spot_px(rig), rig.lenslets.pitch_m / rig.camera.pixel_pitch_m

@@ -55,10 +55,17 @@ def predicted(scene: Scene) -> dict[Rung, float]:
     return dict(
         zip(
             _RUNGS,
-            _predicted(pilot(wavefront_rig(scene), _ACROSS).model_dump_json(), max(ranges, default=1.0)),
+            _predicted(_small(wavefront_rig(scene)).model_dump_json(), max(ranges, default=1.0)),
             strict=True,
         )
     )
+
+
+def _small(rig: WavefrontRig) -> WavefrontRig:
+    """A few lenslets of the rig; with an aberration, whose curvature depends on the place, all of them, in one frame."""
+    if rig.aberration is None:
+        return pilot(rig, _ACROSS)
+    return rig.model_copy(update={"frames": rig.frames.model_copy(update={"count": 1})})
 
 
 @lru_cache(maxsize=16)

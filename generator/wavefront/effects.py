@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...scenes.rigs.wavefront import wavefront_rig
+from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.scene import Scene
 from ..effect import Effect, effect
 from .expected import Sensed
@@ -40,5 +40,23 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
         effect("DSNU", bool(detector.dsnu_e), None, "fixed offsets"),
         effect("lenslets that differ", False, None, "not modelled: all have one focal length and no aberration"),
         effect("speckle of a diffuse target", False, 0.0 if rig.reflection == "mirror" else None, "not modelled"),
+        *(effect(name, False, *size) for name, size in _diffuse_sizes(scene, rig).items()),
     ]  # fmt: skip
     return listed + finer if fields else listed
+
+
+def _diffuse_sizes(scene: Scene, rig: WavefrontRig) -> dict[str, tuple[float | None, str]]:
+    """What a diffuse target adds to a point at infinity, each in pixels of a spot: the curvature of its wave, the slope D/2r at the
+    edge of the pupil D, and the width of the lit place, beam over range."""
+    curved, wide = "curvature of a diffuse target's wave", "width of a diffuse target's lit place"
+    if rig.reflection == "mirror" or not scene.target:
+        return dict.fromkeys((curved, wide), (0.0, "a mirror sends back the beam"))
+    away = min(float(item.shape.center_m[2]) for item in scene.target)
+    per_rad = rig.lenslets.focal_length_m / rig.camera.pixel_pitch_m
+    beam = rig.bench.beam_diameter_m / rig.bench.magnification
+    # The bench magnifies lengths by M and angles by 1/M.
+    edge = 0.5 * rig.pupil.diameter_m / rig.bench.magnification / away / rig.bench.magnification
+    return {
+        curved: (per_rad * edge, "pixels, at the pupil's edge"),
+        wide: (per_rad * beam / away / rig.bench.magnification, "pixels, the lit place's full width"),
+    }

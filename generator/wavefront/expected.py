@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...scenes.errors import InputError
 from ...scenes.rigs.wavefront import wavefront_rig
 from ...scenes.rigs.wavefront_geometry import Lattice, lattice_of
 from ...scenes.rigs.wavefront_spec import WavefrontRig
@@ -72,11 +73,14 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
             field = np.exp(1j * phase)
             if per_lenslet[frame, number] > 0.0:
                 image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung, cells=cells[0])
+            _refuse_coarse(scene, phase, lattice)
             if number == main:
                 truth.add(field, phase, float(per_lenslet[frame].sum()))
         electrons[frame] = image
     flat = np.ones((len(lattice.grid_m) + 2,) * 2, complex)
-    reference = spot_image(rig, lit, flat, float(per_lenslet[0].sum()), request.rung, cells=cells[0]) + level[0]
+    # The reference is taken through the gate at the delay that lets most light through.
+    best = int(np.argmax(per_lenslet.sum(axis=1)))
+    reference = spot_image(rig, lit, flat, float(per_lenslet[best].sum()), request.rung, cells=cells[0]) + level[best]
     held = truth.arrays() | {"truth_background": level + _dark(rig)}
     if request.truth_electrons:
         held["truth_electrons"] = electrons + np.float32(_dark(rig))
@@ -91,6 +95,18 @@ def _cells(rig: WavefrontRig, range_m: float, request: Request) -> tuple[int, fl
     if request.rung == "geometric":
         return rig.pupil.samples, 0.0
     return cells_for(rig, range_m, request.rung, request.error)
+
+
+def _refuse_coarse(scene: Scene, phase: Float, lattice: Lattice) -> None:
+    """Refuse a phase whose neighbouring samples inside the pupil differ by more than half a turn: its field is that of another."""
+    inner = np.where(lattice.mask, phase[1:-1, 1:-1], np.nan)
+    steepest = max(float(np.nanmax(np.abs(np.diff(inner, axis=axis)), initial=0.0)) for axis in (0, 1))
+    if steepest > np.pi:
+        raise InputError(
+            "The samples of the pupil are too far apart for the wavefront: neighbours differ by more than half a turn.",
+            where=f"{scene.name}: rig.pupil.samples", value=f"{steepest:.3g} rad", allowed=f"{np.pi:.3g} rad or less",
+            next_step="raise rig.pupil.samples, or lower the aberration or the turbulence",
+        )  # fmt: skip
 
 
 def _dark(rig: WavefrontRig) -> float:

@@ -55,7 +55,7 @@ def coarser(samples: Complex, cells: int) -> Complex:
 
 
 def pilot(rig: WavefrontRig, most_across: int, samples: int | None = None) -> WavefrontRig:
-    """The same optics with few lenslets, all lit, in one frame; `samples` of the pupil in place of its own."""
+    """The same optics with few lenslets, all lit, in one frame, without aberration; `samples` of the pupil in place of its own."""
     array = rig.lenslets
     across = min(most_across, array.across)
     side = across * array.pitch_m

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...optics.constants import C_M_PER_S, PLANCK_J_S
 from ...optics.correlation.response import lookup
 from ...optics.water.phase_forms import phase_density
-from ...scenes.medium_index import group_index
+from ...scenes.medium_index import group_index, phase_index
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.rigs.wavefront_geometry import echo_delay_s
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
@@ -103,7 +103,8 @@ def pedestal(scene: Scene, delay: Float) -> Float:
 
     A pixel of pitch p behind a lenslet of area a collects over a p²/f² sr the radiance ∫ E b β(π) e^{−2cz} R(2 n_g z/c − t) dz,
     E the beam's fluence: the line of sight is taken to stay within the beam, which holds for z below its diameter over the angle
-    of the pixel, and is the upper limit beyond. Each pixel collects through the one lenslet before it.
+    of the pixel, and is the upper limit beyond. In air the radiance of the water is 1/n² as high. Each pixel collects through the
+    one lenslet before it.
     """
     rig = wavefront_rig(scene)
     ambient = np.full(delay.shape, rig.ambient_e_per_s * _open_s(rig) * rig.frames.pulses)
@@ -113,13 +114,15 @@ def pedestal(scene: Scene, delay: Float) -> Float:
     index = group_index(scene.medium, rig.wavelength_m)
     table = _response(scene)
     end = min((float(item.shape.center_m[2]) for item in scene.target), default=np.inf)
-    far = min(end, (float(delay.max()) + table.start_s + table.step_s * table.value.size) * C_M_PER_S / (2.0 * index))
+    latest = float(delay.max()) + rig.t0_s + table.start_s + table.step_s * table.value.size
+    far = min(end, max(latest - echo_delay_s(rig, 0.0, index), 0.0) * C_M_PER_S / (2.0 * index))
     z = (np.arange(_NODES) + 0.5) / _NODES * max(far, 1e-6)
     weight = scene.medium.scattering_per_m * float(phase_density(phase, np.pi)) * max(far, 1e-6) / _NODES
     weight = weight * np.exp(-2.0 * scene.medium.attenuation_per_m * z)
     echo = np.array([echo_delay_s(rig, float(at), index) for at in z])
     seen = lookup(table, echo[None, :] - (delay[:, None] + rig.t0_s)) @ weight
     solid = (rig.camera.pixel_pitch_m / rig.lenslets.focal_length_m) ** 2 * rig.bench.magnification**2
+    solid /= phase_index(scene.medium, rig.wavelength_m) ** 2  # array and camera are in air, where a beam is n² as wide
     energy = rig.laser.pulse_energy_j * rig.frames.pulses * rig.bench.splitter_transmission * _share_of_lenslet(rig)
     return np.asarray(ambient + energy * solid * _photoelectrons_per_j(rig) * seen)
 

@@ -40,7 +40,8 @@ def flowing(
             next_step="fewer frames, a shorter interval, a slower flow, or no velocity: each frame is then a draw of its own",
         )  # fmt: skip
     plan = _plan((side + int(extra[1]), side + int(extra[0])), step_m, r0_m, outer_m)
-    at = moved_m[frame] - least
+    # φ(x − vt): the part that is seen moves against the flow.
+    at = moved_m.max(axis=0) - moved_m[frame]
     part = plan.field(plan.noise(rng), (float(at[0]), float(at[1])))[:side, :side]
     return np.asarray(part - part.mean())
 

@@ -42,7 +42,8 @@ def spot_image(
     origin = (-float(middle[0]) * camera.pixel_pitch_m, -float(middle[1]) * camera.pixel_pitch_m)
     detector = Detector((camera.rows, camera.cols), camera.pixel_pitch_m, origin)
     light = lenslet_light(samples, tilt, centre, pitch, lenslet, detector, apart=rung != "coherent")
-    return np.asarray(light * (flux / lenslet.side_m**2))
+    # The sum over fields is a light to its tabulated accuracy: rounding of some 1e-6 of the brightest pixel may lie below zero.
+    return np.asarray(np.maximum(light, 0.0) * (flux / lenslet.side_m**2))
 
 
 def _residual(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Float) -> Complex:

@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.zernike import zernike
+from ...scenes.errors import InputError
 from ...scenes.rigs.wavefront_geometry import Lattice
 
 __all__ = ["Projector", "slopes"]
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+#: Greatest condition of the modes' products over the samples: rounding then stays below 1e-8 of the phase.
+_MOST_CONDITION = 1e8
 
 
 def slopes(field: Complex, lattice: Lattice, samples: int, wavelength_m: float) -> Float:
@@ -50,7 +54,14 @@ class Projector:
         unit = lattice.grid_m / (0.5 * diameter_m)
         x, y = np.broadcast_arrays(unit[None, :], unit[:, None])
         self._values = zernike(range(1, modes + 1), x[self.mask], y[self.mask])
-        self._gram = np.linalg.inv(self._values @ self._values.T)
+        gram = self._values @ self._values.T
+        if not np.linalg.cond(gram) < _MOST_CONDITION:
+            raise InputError(
+                "The samples of the pupil do not tell its Zernike modes apart.", where="rig.pupil.modes", value=modes,
+                allowed=f"well below the {int(self.mask.sum())} samples inside the pupil, which must lie on the array",
+                next_step="lower rig.pupil.modes, or raise rig.pupil.samples",
+            )  # fmt: skip
+        self._gram = np.linalg.inv(gram)
 
     def coefficients(self, phase: Float) -> Float:
         """Coefficients [rad rms] (mode), Noll's index from 2, of a phase (side, side)."""

@@ -102,6 +102,12 @@ def _check(scene: RigScene) -> None:
             allowed=f"a pupil that holds {rig.pupil.least_fill:g} of a lenslet of {array.pitch_m:g} m",
             next_step="widen rig.pupil.diameter_m, or lower rig.pupil.least_fill",
         )  # fmt: skip
+    if not lattice.open.any():
+        raise InputError(
+            "No sample of the pupil lies in a lenslet's clear square.", where=f"{scene.name}: rig.pupil.samples",
+            value=rig.pupil.samples, allowed=f"more than {1 / array.fill:.3g} at a fill of {array.fill:g}",
+            next_step="raise rig.pupil.samples",
+        )  # fmt: skip
     cell = array.pitch_m / camera.pixel_pitch_m
     if cell < 3.0:
         raise InputError(
@@ -121,6 +127,12 @@ def _check_image(scene: RigScene, rig: WavefrontRig, lattice: Lattice, cell: flo
                 value=f"cells from {low:.4g} to {high:.4g} px", allowed=f"-0.5 to {size - 0.5:g} px",
                 next_step=f"raise rig.camera.{name}, or lower rig.pupil.diameter_m or the array's offset",
             )  # fmt: skip
+    side = rig.lenslets.across * rig.lenslets.pitch_m
+    if rig.pupil.diameter_m > side * (1.0 + 1e-9):
+        raise InputError(
+            "The pupil is wider than the array.", where=f"{scene.name}: rig.pupil.diameter_m", value=rig.pupil.diameter_m,
+            allowed=f"{side:.4g} m or less",
+        )  # fmt: skip
     if rig.pupil.diameter_m > rig.bench.beam_diameter_m:
         raise InputError(
             "The beam does not fill the pupil.", where=f"{scene.name}: rig.bench.beam_diameter_m",
