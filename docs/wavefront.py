@@ -23,8 +23,8 @@ CHANGE = {
 
 
 def pictures(folder: Path) -> str:
-    """Spot fields of the reference and of a frame, by the root of their light, and wavefronts with their difference, rad; returns the
-    figures of the caption."""
+    """Spot fields of the reference and of a frame, by the root of their light, and wavefronts with their difference, rad; the
+    caption's figures."""
     scene = load_scene("gated-turbulence", CHANGE)
     still = load_scene("gated-turbulence", CHANGE | {"rig.turbulence": {"kind": "none"}})
     capture = generate(scene, seed=1, fidelity="coherent", rtol=0.02, truth_electrons=True)
