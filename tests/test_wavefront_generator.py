@@ -286,7 +286,7 @@ def test_auto_is_right_in_forty_scenes() -> None:
 @pytest.mark.parametrize("reference", ["general sum", "lenslets one by one"])
 def test_the_lattice_sum_is_the_direct_one(reference: str) -> None:
     """6 × 6 lenslets of d/r0 = .14 to .6, `coherent` against the sum at Gauss-Legendre nodes in double precision, `isolated`
-    against the light of each lenslet alone: rms over rms below 1 %, of which .5 % is the direct sum's quadrature by 4 nodes a pixel."""
+    against the light of each lenslet alone: rms over rms below 1 %, of which .5 % is the direct sum's quadrature."""
     scene = load_scene("gated-turbulence", SMALL)
     rig = wavefront_rig(scene)
     lit = lattice_of(rig, every=True)
