@@ -170,7 +170,19 @@ def test_what_a_stop_before_the_mark_left_is_begun_again(tmp_path: Path) -> None
         assert len(open_captures(path)) == 1 and os.listdir(tmp_path) == ["s"]
 
 
-@pytest.mark.parametrize("stop", range(40))
+def test_a_store_that_the_user_called_replaced_is_left_alone(tmp_path: Path) -> None:
+    for name in ("a", "a.replaced", "b.replaced"):
+        write(tmp_path / name, example_capture("amcw", seed=ord(name[0])))
+    before = _files(tmp_path)
+    for options in ({}, {"overwrite": True}):
+        with pytest.raises(InputError, match=r"output exists|is taken"):
+            write(tmp_path / "a", example_capture("amcw", seed=2), **options)
+        assert {k: v for k, v in _files(tmp_path).items() if "partial" not in k} == before
+    write(tmp_path / "b", example_capture("amcw", seed=2))
+    assert len(open_captures(tmp_path / "b.replaced")) == 1 and len(open_captures(tmp_path / "b")) == 1
+
+
+@pytest.mark.parametrize("stop", range(0, 60, 3))
 def test_a_replacement_that_stops_anywhere_is_finished_or_undone(
     stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

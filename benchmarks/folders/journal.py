@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,11 +27,27 @@ def default_folder(name: str) -> Path:
     return folder
 
 
+#: The end of a line with a checksum, `sum`: the first 16 digits of the SHA-256 of the line without it.
+_SUM = re.compile(r', "sum": "([0-9a-f]{16})"\}$')
+
+
+def _with_sum(text: str) -> str:
+    return f'{text[:-1]}, "sum": "{hashlib.sha256(text.encode()).hexdigest()[:16]}"}}'
+
+
+def _sound(line: str, must: bool) -> bool:
+    """Whether the line is as it was written. Lines of older journals have no sum; where there `must` be one, none is wrong."""
+    found = _SUM.search(line)
+    if found is None:
+        return not must and '"sum"' not in line
+    return hashlib.sha256((line[: found.start()] + "}").encode()).hexdigest()[:16] == found[1]
+
+
 class Journal:
     """journal.jsonl: one line per finished (capture, estimator, condition), so that an interrupted run can be resumed.
 
-    Only results with status "ok" are reused; failures are tried again. The first line identifies the run: the hash of its
-    suite, and the other `settings` on which the results depend.
+    Only results with status "ok" are reused; failures are tried again, and so is work whose line has been altered. The first
+    line identifies the run: the hash of its suite, and the other `settings` on which the results depend.
     """
 
     def __init__(self, folder: Path, suite_hash: str, **settings: Any) -> None:
@@ -37,16 +55,19 @@ class Journal:
         self.done: dict[tuple[str, ...], list[dict[str, Any]]] = {}
         self.beside: dict[tuple[str, ...], dict[str, Any]] = {}
         if self.path.is_file():
-            text = self.path.read_text(encoding="utf-8")
+            text = self.path.read_bytes().decode(errors="replace")
             if not text.endswith("\n"):  # a torn line must not swallow the next one
                 with open(self.path, "a", encoding="utf-8") as file:
                     file.write("\n")
-            for line in text.splitlines()[1:]:
+            first, *lines = text.split("\n")
+            for line in lines:
+                if not _sound(line, _SUM.search(first) is not None):
+                    continue
                 try:
                     entry = json.loads(line)
                     key, rows = tuple(map(str, entry["key"])), [_with_nan(row) for row in entry["rows"]]
                     beside = dict(entry.get("beside") or {})
-                except (ValueError, KeyError, TypeError, AttributeError):
+                except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
                     continue  # the last line of an interrupted write, or a damaged one: that work is repeated
                 if all("status" in row for row in rows):
                     self.done[key], self.beside[key] = rows, beside
@@ -65,7 +86,7 @@ class Journal:
         try:
             with open(folder / "journal.jsonl", encoding="utf-8") as file:
                 found = json.loads(file.readline())
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             pass
         found = found if isinstance(found, dict) else {}
         if (other := str(found.get("suite_hash", ""))) != suite_hash:
@@ -89,7 +110,7 @@ class Journal:
     def _append(self, entry: dict[str, Any]) -> None:
         try:
             with open(self.path, "a", encoding="utf-8") as file:
-                file.write(json.dumps(entry, allow_nan=False) + "\n")
+                file.write(_with_sum(json.dumps(entry, allow_nan=False)) + "\n")
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:

@@ -10,16 +10,20 @@ import json
 import os
 import re
 import stat
-from contextlib import suppress
 from pathlib import Path
 
 from ...scenes.errors import InputError
-from .journal import JOURNAL, MARK_LINE, has_mark
+from .journal import JOURNAL, MARK_LINE, has_mark, write_file
 from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, regular_size
 
-__all__ = ["foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "settle_replacement"]
+__all__ = [
+    "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name", "settle_replacement",
+    "state_replacement",
+]  # fmt: skip
 
-_TOP = {name + end for name in (MANIFEST, MANIFEST_SUM, JOURNAL, "zarr.json") for end in ("", ".new")}
+#: A file in a store that is being replaced: its folder may be called NAME.replaced, and is then no store of the user's.
+_REPLACED = "replaced.mark"
+_TOP = {name + end for name in (MANIFEST, MANIFEST_SUM, JOURNAL, _REPLACED, "zarr.json") for end in ("", ".new")}
 _CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial)?")
 
 
@@ -91,24 +95,36 @@ def remove_store(path: Path) -> None:
                 if may_drop(file) or file in ("zarr.json", "zarr.json.new"):
                     (folder / file).unlink()
             folder.rmdir()
-    for name in [*sorted(_TOP - {MANIFEST, JOURNAL}), MANIFEST, JOURNAL]:
+    last = [MANIFEST, JOURNAL, _REPLACED]
+    for name in [*sorted(_TOP - {*last}), *last]:
         (path / name).unlink(missing_ok=True)
     path.rmdir()
+
+
+def replaced_name(path: Path) -> Path:
+    """The name of the store at `path` while a new one takes its place."""
+    return path.with_name(path.name + ".replaced")
+
+
+def state_replacement(path: Path) -> None:
+    """Note in the store at `path` that a new one takes its place: only a folder with this note is taken for what is left of a
+    replacement. Raises OSError."""
+    write_file(path / _REPLACED, b"a new store takes the place of this one\n")
 
 
 def settle_replacement(path: Path) -> None:
     """Finish or undo a replacement of the store at `path` that was interrupted. Raises InputError, OSError.
 
-    While a new store takes its place, the old one is called `NAME.replaced`. Where nothing stands at `path` it gets its name
-    back; where the new store stands there, what is left of the old one is removed.
+    Where nothing stands at `path` the old store gets its name back; where the new store stands there, what is left of the old
+    one is removed. A store of the name `NAME.replaced` without the note is the user's, and left alone.
     """
-    aside = path.with_name(path.name + ".replaced")
-    if aside.is_symlink() or not aside.is_dir():
-        return
-    if is_ours(aside) and not os.path.lexists(path):
-        os.rename(aside, path)
-    elif is_ours(aside) and is_ours(path):
-        remove_store(aside)
-    else:
-        with suppress(OSError):
-            aside.rmdir()  # the last step of a removal
+    aside = replaced_name(path)
+    if not aside.is_symlink() and regular_size(aside / _REPLACED) is not None:
+        if not os.path.lexists(path):
+            os.rename(aside, path)
+        elif is_ours(path):
+            remove_store(aside)
+    elif not aside.is_symlink() and aside.is_dir() and not os.listdir(aside):
+        aside.rmdir()  # the last step of a removal
+    if is_ours(path):
+        (path / _REPLACED).unlink(missing_ok=True)

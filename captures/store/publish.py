@@ -13,7 +13,15 @@ from ..layouts.schema import SCHEMA_VERSION
 from .arrays import metadata_files
 from .journal import JOURNAL, Journal, fsync_path, write_file
 from .manifest import MANIFEST, MANIFEST_SUM, Manifest, Mark
-from .ownership import foreign_entries, is_ours, may_drop, remove_store, settle_replacement
+from .ownership import (
+    foreign_entries,
+    is_ours,
+    may_drop,
+    remove_store,
+    replaced_name,
+    settle_replacement,
+    state_replacement,
+)
 
 __all__ = ["disk_error", "is_store", "partial_of", "publish", "refuse_existing"]
 
@@ -116,8 +124,15 @@ def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
 def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | None) -> None:
     settle_replacement(path)
     refuse_existing(path, overwrite)
-    aside = keep_replaced or path.with_name(path.name + ".replaced")
+    aside = keep_replaced or replaced_name(path)
     replacing = path.exists()
+    if replacing and keep_replaced is None:
+        if os.path.lexists(aside):
+            raise InputError(
+                "The place that the old store takes while it is replaced is taken.", where=str(aside),
+                next_step="move that away, or choose another --out",
+            )  # fmt: skip
+        state_replacement(path)
     if replacing:
         os.rename(path, aside)
     try:
@@ -125,6 +140,7 @@ def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | 
     except OSError:
         if replacing:
             os.rename(aside, path)
+            settle_replacement(path)
         raise
     fsync_path(path.parent)
     if replacing and keep_replaced is None:

@@ -13,6 +13,7 @@ from ...scenes.scene import Scene
 from ..choice import Choice, Rung, chosen
 from ..request import Request
 from .field import Pupils
+from .fields import pilot
 from .light import reflectors
 from .possible import MOST_ROTATION_DEG
 from .spots import spot_image
@@ -52,7 +53,11 @@ def predicted(scene: Scene) -> dict[Rung, float]:
     """Error of each rung's spots, rms over rms of those of `coherent`, of the pilot. The flat wave counts as a draw."""
     ranges = [one.range_m for one in reflectors(scene)]
     return dict(
-        zip(_RUNGS, _predicted(_pilot(wavefront_rig(scene)).model_dump_json(), max(ranges, default=1.0)), strict=True)
+        zip(
+            _RUNGS,
+            _predicted(pilot(wavefront_rig(scene), _ACROSS).model_dump_json(), max(ranges, default=1.0)),
+            strict=True,
+        )
     )
 
 
@@ -67,24 +72,6 @@ def _predicted(rig_json: str, range_m: float) -> tuple[float, float, float]:
         whole = float(np.sqrt((images[2] ** 2).sum()))
         worst = np.maximum(worst, [float(np.sqrt(((image - images[2]) ** 2).sum())) / whole for image in images])
     return float(worst[0]), float(worst[1]), float(worst[2])
-
-
-def _pilot(rig: WavefrontRig) -> WavefrontRig:
-    """The same optics with few lenslets, all lit, in one frame."""
-    array = rig.lenslets
-    across = min(_ACROSS, array.across)
-    side = across * array.pitch_m
-    pixels = int(np.ceil(side / rig.camera.pixel_pitch_m)) + 4
-    return rig.model_copy(
-        update={
-            "lenslets": array.model_copy(update={"across": across, "missing": (), "offset_m": (0.0, 0.0)}),
-            "pupil": rig.pupil.model_copy(update={"shape": "square", "diameter_m": side}),
-            "bench": rig.bench.model_copy(update={"beam_diameter_m": 2.0 * side}),
-            "camera": rig.camera.model_copy(update={"rows": pixels, "cols": pixels}),
-            "frames": rig.frames.model_copy(update={"count": 1}),
-            "aberration": None,
-        }
-    )
 
 
 def _noise(scene: Scene) -> float:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...scenes.rigs.wavefront import wavefront_rig
-from ...scenes.rigs.wavefront_turbulence import layers_of
 from ...scenes.scene import Scene
 from ..effect import Effect, effect
 from .expected import Sensed
+from .scintillation import irradiance_index
 
 __all__ = ["catalogue"]
 
@@ -18,14 +18,17 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
     rig = wavefront_rig(scene)
     detector = rig.detector
     fields = rung != "geometric"
+    index = irradiance_index(sensed.rytov)
+    cells, error = sensed.cells
+    finer = [effect("phase finer than a lenslet's cells", False, error, f"a pilot with finer cells; {cells} a side")]
     blur = float(-np.expm1(-(sensed.spread_rad**2)))
-    return [
+    listed = [
         effect("mean slope of each lenslet", True, 1.0, "spots moved by f times the slope"),
         effect("diffraction at the lenslets", True, None, "sinc² of the clear square, integrated over pixels"),
         effect("spots blurred by the phase within a lenslet", fields, blur, "1 − e^(−σ²), σ the phase's rms about its plane"),
         effect("light of neighbouring lenslets", True, None, "intensities added" if rung != "coherent" else "fields added"),
         effect("interference of neighbouring lenslets", rung == "coherent", None, "depends on the pistons of neighbours"),
-        effect("scintillation", False, None if layers_of(rig.turbulence) else 0.0, "layers are thin phase screens"),
+        effect("scintillation", False, index**0.5, f"rms of a point's irradiance; Rytov's variance {sensed.rytov:.2g}"),
         effect("beam attenuation", True, None, "e^(−2cr)"),
         effect("scattered light in the gate", scene.medium.scattering_per_m > 0, None, "single scatter, even over the image"),
         effect("photon noise", True, None, "Poisson"),
@@ -38,3 +41,4 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
         effect("lenslets that differ", False, None, "not modelled: all have one focal length and no aberration"),
         effect("speckle of a diffuse target", False, 0.0 if rig.reflection == "mirror" else None, "not modelled"),
     ]  # fmt: skip
+    return listed + finer if fields else listed

@@ -16,8 +16,10 @@ from ..detector import detect, fixed_pattern
 from ..effect import no_light
 from ..model import Expected
 from ..request import Request
+from .cells import cells_for
 from .field import Pupils
 from .light import coordinates, echoes, pedestal, reflectors
+from .scintillation import rytov_of
 from .spots import spot_image
 from .truth import Projector, slopes
 
@@ -32,12 +34,15 @@ _AT_ONCE, _REFERENCE_KEY = 16, 1 << 40
 @dataclass(frozen=True, eq=False)
 class Sensed:
     """What the effects are judged by. flux (frame, lenslet), pedestal (frame): photoelectrons; spread_rad: rms of the phase within
-    lenslets about their mean slope, the greatest over frames; reference: expected photoelectrons (rows, cols) of an exposure."""
+    lenslets about their mean slope, the greatest over frames; reference: expected photoelectrons (rows, cols) of an exposure;
+    cells (number of a lenslet's side, predicted error); rytov: predicted variance of log irradiance."""
 
     flux: Float
     pedestal: Float
     spread_rad: float
     reference: NDArray[np.float32]
+    cells: tuple[int, float]
+    rytov: float
 
 
 def expect(scene: Scene, request: Request) -> Expected[Sensed]:
@@ -54,6 +59,9 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
     electrons = np.empty(shape, dtype=np.float32)
     truth = _Truth(rig, lattice)
     ranges = [one.range_m for one in reflectors(scene)]
+    farthest = max(ranges, default=0.0)
+    rytov = rytov_of(rig, farthest, scene.medium)
+    cells = _cells(rig, farthest, request)
     for frame in range(rig.frames.count):
         image = np.full(shape[1:], level[frame])
         main = int(np.argmax(per_lenslet[frame]))
@@ -63,19 +71,26 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
             phase = pupils.phase(frame, at)
             field = np.exp(1j * phase)
             if per_lenslet[frame, number] > 0.0:
-                image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung)
+                image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung, cells=cells[0])
             if number == main:
                 truth.add(field, phase, float(per_lenslet[frame].sum()))
         electrons[frame] = image
     flat = np.ones((len(lattice.grid_m) + 2,) * 2, complex)
-    reference = spot_image(rig, lit, flat, float(per_lenslet[0].sum()), request.rung) + level[0]
+    reference = spot_image(rig, lit, flat, float(per_lenslet[0].sum()), request.rung, cells=cells[0]) + level[0]
     held = truth.arrays() | {"truth_background": level + _dark(rig)}
     if request.truth_electrons:
         held["truth_electrons"] = electrons + np.float32(_dark(rig))
     dark = not per_lenslet.any()
     warnings = (no_light(scene, "frame", "the gate"),) if dark else ()
-    sensed = Sensed(held["truth_flux"], level, truth.spread, reference.astype(np.float32))
+    sensed = Sensed(held["truth_flux"], level, truth.spread, reference.astype(np.float32), cells, rytov)
     return Expected(electrons, coords, held, 0, sensed, warnings)
+
+
+def _cells(rig: WavefrontRig, range_m: float, request: Request) -> tuple[int, float]:
+    """Cells of a lenslet's side and their predicted error; the rung geometric has none."""
+    if request.rung == "geometric":
+        return rig.pupil.samples, 0.0
+    return cells_for(rig, range_m, request.rung, request.error)
 
 
 def _dark(rig: WavefrontRig) -> float:

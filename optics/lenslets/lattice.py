@@ -61,17 +61,18 @@ class LensletArray:
     pixel_y: Single
     pixel_x: Single
 
-    def image(self, samples: ArrayLike, slope_rad: ArrayLike) -> Float:
+    def image(self, samples: ArrayLike, slope_rad: ArrayLike, *, apart: bool = False) -> Float:
         """Light per pixel (rows, cols) in the unit of |u|² m².
 
         `samples` (…, q, q) and `slope_rad` (…, 2) of the lenslets in the order of their centres (rows, cols for a regular
-        array), as for `coherent_image`; lenslets without light have samples of zero. Raises ValueError for other shapes.
+        array), as for `coherent_image`; lenslets without light have samples of zero. With `apart` the lenslets'
+        irradiances are added, without interference. Raises ValueError for other shapes.
         """
-        light = self.lattice(samples, slope_rad)
+        light = self.lattice(samples, slope_rad, apart=apart)
         return np.asarray(self.pixel_y @ light @ self.pixel_x.T, np.float64)
 
-    def lattice(self, samples: ArrayLike, slope_rad: ArrayLike) -> Single:
-        """Irradiance |Σ U_m|² on the lattice (rows, cols)."""
+    def lattice(self, samples: ArrayLike, slope_rad: ArrayLike, *, apart: bool = False) -> Single:
+        """Irradiance |Σ U_m|² on the lattice (rows, cols), or Σ |U_m|² with `apart`."""
         u, slope = np.asarray(samples), np.asarray(slope_rad, np.float64)
         q = self.cells
         if u.shape[-2:] != (q, q) or u.size != self.count * q * q or slope.shape != (*u.shape[:-2], 2):
@@ -94,9 +95,9 @@ class LensletArray:
 
         add_fields(
             np.ascontiguousarray(u.real), np.ascontiguousarray(u.imag), self.x.real, self.x.imag, self.y.real, self.y.imag,
-            self.x.member, self.y.member, *spread, self.x.first, self.y.first, real, imag,
+            self.x.member, self.y.member, *spread, self.x.first, self.y.first, real, imag, apart,
         )  # fmt: skip
-        return np.asarray(real * real + imag * imag)
+        return real if apart else np.asarray(real * real + imag * imag)
 
 
 def regular_array(

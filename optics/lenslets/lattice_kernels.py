@@ -27,12 +27,13 @@ def add_fields(
     first_y: Any,
     out_real: Any,
     out_imag: Any,
+    apart: bool,
 ) -> None:
     """Add Σ_c K_y(Y, c_y) u(c_y, c_x) K_x(X, c_x) · spread_y(Y) · spread_x(X) of every lenslet to the lattice.
 
     real, imag (lenslets, q, q): u. x_real … y_imag (classes, q, points): K of either axis. class_x, class_y (lenslets): which K.
     spread_x, spread_y (lenslets, points). first_x, first_y (lenslets): the lattice point of the first. out_real, out_imag:
-    the lattice.
+    the lattice. apart: add |field|² of every lenslet to out_real instead, out_imag stays as it is.
     """
     count, cells, points = real.shape[0], real.shape[1], x_real.shape[2]
     along_real = np.empty((cells, points), np.float32)
@@ -64,6 +65,10 @@ def add_fields(
                     line_real[p] += kr * along_real[a, p] - ki * along_imag[a, p]
                     line_imag[p] += kr * along_imag[a, p] + ki * along_real[a, p]
             row, first = first_y[k] + y, first_x[k]
-            for p in range(points):
-                out_real[row, first + p] += line_real[p]
-                out_imag[row, first + p] += line_imag[p]
+            if apart:
+                for p in range(points):
+                    out_real[row, first + p] += line_real[p] * line_real[p] + line_imag[p] * line_imag[p]
+            else:
+                for p in range(points):
+                    out_real[row, first + p] += line_real[p]
+                    out_imag[row, first + p] += line_imag[p]
