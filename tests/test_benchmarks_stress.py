@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import warnings
 
+import numpy as np
 import pytest
 
 from beambench.benchmarks.suites.stress import AXES, axis_overrides, axis_unit, list_axes, stressed
 from beambench.benchmarks.suites.suite import SUITES, cells_of, list_suites, load_suite
+from beambench.generator.generate import GenerationWarning, generate
 from beambench.scenes.declared import declared_rig
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
@@ -118,6 +121,27 @@ def test_murkier_water_keeps_its_kind() -> None:
         assert murky.phase == scene.medium.phase
     ratio = scene.medium.scattering_per_m / scene.medium.attenuation_per_m
     assert murky.scattering_per_m / murky.attenuation_per_m == pytest.approx(ratio)
+
+
+def test_turbidity_is_a_scattering_coefficient_of_one_per_metre_and_ntu() -> None:
+    """Twelve NTU scatter 12 1/m, and light that is scattered away is missing along both ways: exp(-Δb (|L − P| + |P|)).
+
+    A wrong conversion, absorption scaled along, or one way left out would show: at Δb = .8 1/m the paths of 4.7 m take 98 %.
+    """
+    scene = load_scene("spotscan-deep", {"rig.port": {"kind": "none"}})
+    waters = [stressed(scene, [("turbidity", level)])[0] for level in (0.0, 0.2, 1.0, 12.0)]
+    assert [water.medium.scattering_per_m for water in waters] == pytest.approx([0.0, 0.2, 1.0, 12.0])
+    assert all(water.medium.absorption_per_m == scene.medium.absorption_per_m for water in waters)
+    assert all(water.medium.phase == scene.medium.phase for water in waters)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GenerationWarning)  # the light that is scattered is left out on purpose
+        clear, turbid = (generate(water, seed=1, fidelity="direct") for water in waters[1:3])
+    rows = slice(40, 216)  # the fan ends beyond
+    point = clear["truth_point"].values[0, rows, 0].astype(float)
+    path = np.linalg.norm(point, axis=-1) + np.linalg.norm(point - scene.rig.laser.position_m, axis=-1)  # type: ignore[union-attr]
+    left = turbid["truth_amplitude"].values[0, rows, 0] / clear["truth_amplitude"].values[0, rows, 0]
+    # A pixel's width of the sheet changes the path by 1e-4 of itself.
+    np.testing.assert_allclose(-np.log(left) / 0.8, path, rtol=1e-3)
 
 
 def test_specular_matter_keeps_its_albedo_and_a_wrong_gate_its_rig() -> None:
