@@ -23,6 +23,13 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("beambench")
 
 
+@pytest.fixture
+def long_run(request: pytest.FixtureRequest) -> None:
+    """For tests marked slow that the default run leaves out; a shorter part of them is another test."""
+    if "slow" not in str(request.config.getoption("-m")):
+        pytest.skip("takes many minutes: pytest -m slow")
+
+
 @pytest.fixture(scope="session")
 def project() -> Path:
     """The project's own folder."""

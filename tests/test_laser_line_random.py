@@ -92,9 +92,9 @@ def test_a_random_scene_is_sound(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", MORE)
-def test_one_of_many_random_scenes_is_sound(seed: int) -> None:
-    _check(_scene(seed), seed)
+def test_many_random_scenes_are_sound(long_run: None) -> None:
+    for seed in MORE:
+        _check(_scene(seed), seed)
 
 
 def _check(scene: Any, seed: int) -> None:

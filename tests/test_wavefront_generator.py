@@ -277,7 +277,7 @@ def test_auto_takes_the_cheapest_rung_that_passes() -> None:
 
 
 @pytest.mark.slow
-def test_auto_is_right_in_forty_scenes() -> None:
+def test_auto_is_right_in_forty_scenes(long_run: None) -> None:
     """Within the limit in 95 % and the cheapest that is in 80 % of scenes."""
     within, cheapest = _verdicts(range(100, 140))
     assert within >= 0.95 and cheapest >= 0.8

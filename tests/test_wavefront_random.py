@@ -137,5 +137,5 @@ def test_random_scenes_are_sound(first: int) -> None:
 
 
 @pytest.mark.slow
-def test_five_hundred_random_scenes_are_sound() -> None:
+def test_five_hundred_random_scenes_are_sound(long_run: None) -> None:
     assert sum(_check(seed) for seed in range(1000, 1500)) >= 250
