@@ -26,7 +26,7 @@ from beambench.estimators.laser_line.declared import CALIBRATED
 from beambench.estimators.laser_line.deviations import STEPS, deviated
 from beambench.estimators.laser_line.geometry import declared_geometry
 from beambench.estimators.laser_line.saddles import fit_saddles
-from beambench.estimators.laser_line.triangulate import triangulate_refractive
+from beambench.estimators.laser_line.triangulate import triangulate_air, triangulate_pinhole_port, triangulate_refractive
 from beambench.estimators.result import stage_result
 from beambench.estimators.rig import DeclaredRig
 from beambench.generator.generate import generate
@@ -219,6 +219,18 @@ def test_the_error_of_a_calibration_is_in_the_error_of_points(small: None) -> No
     assert np.abs(stated.T / np.std(points, axis=0) - 1.0).max() < 0.105
     plain = triangulate_refractive(lines, DeclaredRig(text, json.loads(text)))["sigma"].values[0, ::64, 0]
     assert plain.max() < 1e-6 < 1e-5 < stated.max()
+
+
+def test_a_calibrated_stand_off_alone_leaves_models_without_one_as_they_are() -> None:
+    """The stand-off is no parameter of straight rays and of a port at the pupil: their errors are those of the line."""
+    rig = declared_rig(load_scene("spotscan-wall"))
+    values = rig | {"calibration": {"parameters": ["stand_off_m"], "covariance": [[1e-6]]}}
+    lines = stage_result(
+        "line", column=np.full((1, 4, 1), 90.0), sigma=np.full((1, 4, 1), 0.1), valid=np.ones((1, 4, 1), bool)
+    )
+    for triangulate in (triangulate_air, triangulate_pinhole_port):
+        stated, plain = (triangulate(lines, DeclaredRig(json.dumps(v), v))["sigma"].values for v in (values, rig))
+        assert stated.shape == (1, 4, 1, 3) and np.array_equal(stated, plain)
 
 
 def test_every_parameter_has_a_step_and_deviates() -> None:

@@ -94,6 +94,22 @@ def test_a_capture_holds_its_settings_and_finders_read_them() -> None:
         run_estimator("line-ml", hide_truth(capture).assign_coords(gain=("frame", [1.0, 0.0, 1.0])))
 
 
+def test_a_full_well_is_seen_at_a_gain_below_one() -> None:
+    """Light of twelve wells: the control takes the converter, not the well, below its top, at a gain of .34 and 178 DN of 255. Rows
+    that are read as if their flat top were a line err by .1 px, thirty times what they state. The same line at a tenth of
+    the light, with the same gain, is read."""
+    low = {"target_dn": 178.5, "exposure_s": [5e-3, 5e-3], "gain": [0.05, 10.0]}
+    for power, read in ((0.15, 0.0), (0.002, 0.9)):
+        limits = low if power > 0.1 else low | {"gain": [0.341, 0.341]}
+        changes = {"rig.auto_exposure": AUTO | limits, "rig.laser.power_w": power, "rig.camera.rows": 32}
+        capture = generate(load_scene("spotscan-wall", changes), seed=2, fidelity="direct", rtol=0.1)
+        assert capture["gain"].values == pytest.approx(0.341, rel=2e-3) and capture["counts"].values.max() < 182
+        found = run_estimator("line-erf", hide_truth(capture))
+        held = found["valid"].values
+        miss = np.abs((found["column"] - capture["truth_column"]).values[held])
+        assert held.mean() == 0.0 if read == 0.0 else held.mean() > read and miss.max() < 0.2, (held.mean(), miss.max())
+
+
 def test_frames_of_other_exposures_are_subtracted_by_their_rates() -> None:
     """Even ambient light, the first frame with the detector's exposure, the others longer: what is left has a mean of zero."""
     changes = {

@@ -97,7 +97,11 @@ def line_noise(rig: LaserLineRig) -> NoiseModel:
 def _levels(capture: xr.Dataset, truth: Float, rig: LaserLineRig) -> Float:
     """Photoelectrons beside the line at each return (frame, row, return), without the dark ones behind an intensifier."""
     held = np.asarray(capture["truth_background"].values, np.float64)
-    dark = 0.0 if rig.detector.intensifier is None else rig.detector.dark_current_e_per_s * rig.detector.exposure_s
+    exposure = np.full(len(truth), rig.detector.exposure_s)
+    if "exposure" in capture.coords:
+        exposure = np.asarray(capture["exposure"].values, np.float64)
+    rate = 0.0 if rig.detector.intensifier is None else rig.detector.dark_current_e_per_s
+    dark = (rate * exposure)[:, None, None]
     if held.ndim == 1:
         return np.broadcast_to(held[:, None, None] - dark, truth.shape)
     at = np.clip(np.rint(np.nan_to_num(truth)), 0, held.shape[2] - 1).astype(np.int64)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...scenes.errors import InputError
-from ..rig import DeclaredRig
+from ..rig import Converter, DeclaredRig
 
 __all__ = ["Frames", "OffFrames", "Scale", "read_frames"]
 
@@ -25,11 +25,16 @@ OffFrames = Literal["unused", "subtracted"]
 
 @dataclass(frozen=True)
 class Scale:
-    """From counts to photoelectrons, and which counts are data."""
+    """From counts to photoelectrons, and which counts are data.
+
+    `well_dn`, `adc_dn`: the counts at which the full well, less four standard deviations of read noise, and the converter end, at
+    the declared gain; infinite where the rig states a limit as unknown.
+    """
 
     offset_dn: float
     dn_per_e: float
-    top_dn: float
+    well_dn: float
+    adc_dn: float
     dead_dn: float
     floor_e2: float
     excess: float
@@ -40,7 +45,7 @@ class Scale:
         """The scale of a declared rig. Raises InputError where it lacks a value."""
         converter, (gain, excess) = rig.converter("detector"), rig.amplifier("detector.intensifier")
         return Scale(
-            converter.offset_dn, converter.gain_dn_per_e * gain, converter.saturation_dn, converter.dead_dn,
+            converter.offset_dn, converter.gain_dn_per_e * gain, *_ends(rig, converter), converter.dead_dn,
             converter.floor_e2 / gain**2, excess,
         )  # fmt: skip
 
@@ -54,14 +59,31 @@ class Scale:
         with np.errstate(invalid="ignore"):
             return np.asarray((np.asarray(counts, np.float64) - self.offset_dn) / self.dn_per_e)
 
-    def good(self, counts: npt.NDArray[Any]) -> Bool | None:
-        """Whether pixels are finite, neither clipped nor dead; None where all are."""
-        return _good(counts, self.top_dn, self.dead_dn)
+    def tops_dn(self, gain: Float) -> Float:
+        """The counts (frame) [DN] from which a pixel of frames of these gains is clipped: offset + gain·(well − offset), or the
+        converter's top where that is less.
+
+        A full pixel's count is rounded to a whole one, which may lie half a count below: so is a limit by the full well at
+        another gain than the declared one, where a count may be more than the noise."""
+        well = self.offset_dn + gain * (self.well_dn - self.offset_dn)
+        return np.minimum(np.where(gain == 1.0, well, np.floor(well + 0.5)), self.adc_dn)
 
 
-def _good(counts: npt.NDArray[Any], top_dn: float, dead_dn: float) -> Bool | None:
+def _ends(rig: DeclaredRig, converter: Converter) -> tuple[float, float]:
+    """(`well_dn`, `adc_dn`) of a declared rig, one of which is its converter's `saturation_dn`."""
+    well = adc = np.inf
+    if not rig.unknown("detector.full_well_e"):
+        held = rig.number("detector.full_well_e", above=0) - 4.0 * converter.read_noise_e
+        well = converter.offset_dn + converter.gain_dn_per_e * held
+    if not rig.unknown("detector.adc_bits"):
+        adc = 2.0 ** rig.whole("detector.adc_bits") - 1.0
+    return well, adc
+
+
+def _good(counts: npt.NDArray[Any], top_dn: Float | float, dead_dn: float) -> Bool | None:
     """Whether counts are numbers between the two; None where all are, which two passes show."""
-    if counts.dtype.kind in "ui" and counts.size and float(counts.max()) < top_dn and float(counts.min()) > dead_dn:
+    within = counts.dtype.kind in "ui" and counts.size and float(counts.max()) < np.min(top_dn)
+    if within and float(counts.min()) > dead_dn:
         return None
     values = np.asarray(counts, np.float64)
     with np.errstate(invalid="ignore"):
@@ -122,9 +144,10 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
     usable = np.repeat(valid & on, shape[1])
     flat = np.ascontiguousarray(counts).reshape(-1, shape[2])
     gain, exposure = (_per_frame(capture, name) for name in ("gain", "exposure"))
-    top, dead, scaled = scale.top_dn, scale.dead_dn, counts
+    tops = scale.tops_dn(gain)[:, None, None]
+    top, dead, scaled = float(tops.min(initial=np.inf)), scale.dead_dn, counts
     if (gain != 1.0).any():
-        good = scale.good(counts)
+        good = _good(counts, tops, scale.dead_dn)
         scaled = scale.offset_dn + (counts - scale.offset_dn) / gain[:, None, None]
         scaled[np.zeros(counts.shape, bool) if good is None else ~good] = np.nan
         flat, top, dead = scaled.reshape(-1, shape[2]), np.inf, -np.inf
@@ -137,7 +160,7 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
             value=f"{int(on.sum())} of {on.size} frames with laser", allowed="one valid frame or more without",
             next_step="record frames with the laser off (rig.frames.laser_off), or leave off_frames out",
         )  # fmt: skip
-    good, dark_good = scale.good(counts), scale.good(counts[off])
+    good, dark_good = _good(counts, tops, scale.dead_dn), _good(counts[off], tops[off], scale.dead_dn)
     # Light of the exposure of each lit frame; the mean of frames of other exposures is that of their rates.
     rate = (scale.electrons(scaled[off]) / exposure[off, None, None]).mean(axis=0)
     lit = np.asarray(scaled, np.float64) - rate * exposure[:, None, None] * scale.dn_per_e

@@ -75,7 +75,7 @@ def _uncalibrated(geometry: Geometry, rig: DeclaredRig, without: tuple[str, ...]
         ahead, behind = (deviated(geometry, {names[k]: sign * step}).points(row, col) for sign in (1.0, -1.0))
         slopes.append((ahead - behind) / (2.0 * step))
     if not own:
-        return np.zeros(())
+        return np.zeros((3, *col.shape))
     slope = np.stack(slopes)
     variance = np.einsum("kc...,kl,lc...->c...", slope, covariance[np.ix_(own, own)], slope)
     return np.asarray(np.maximum(variance, 0.0))
