@@ -26,7 +26,11 @@ from beambench.estimators.laser_line.declared import CALIBRATED
 from beambench.estimators.laser_line.deviations import STEPS, deviated
 from beambench.estimators.laser_line.geometry import declared_geometry
 from beambench.estimators.laser_line.saddles import fit_saddles
-from beambench.estimators.laser_line.triangulate import triangulate_air, triangulate_pinhole_port, triangulate_refractive
+from beambench.estimators.laser_line.triangulate import (
+    triangulate_air,
+    triangulate_pinhole_port,
+    triangulate_refractive,
+)
 from beambench.estimators.result import stage_result
 from beambench.estimators.rig import DeclaredRig
 from beambench.generator.generate import generate

@@ -165,3 +165,22 @@ def test_a_line_filter_lets_the_line_be_found_beside_the_vehicles_lamps() -> Non
     ratio = np.trapezoid(photons * passed, wave) / np.trapezoid(photons, wave)
     assert rate["line"] / rate["open"] == pytest.approx(ratio, rel=2e-3)
     assert found["open"] == 0.0 and found["line"] > 0.99
+
+
+TUBE = {"gain": 100.0, "excess_noise_factor": 1.5, "phosphor_sigma_px": 0.0}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rig.effects": {"exposure_poses": 8}, "rig.auto_exposure": AUTO},
+        {"rig.effects": {"blooming": {"axis": "rows", "lost": 0.0}}, "rig.detector.intensifier": TUBE},
+        {"rig.auto_exposure": AUTO, "rig.detector.intensifier": TUBE},
+    ],
+)
+def test_options_that_are_not_modelled_together_are_refused(change: dict[str, Any]) -> None:
+    """Each alone is taken."""
+    with pytest.raises(InputError, match="not modelled together"):
+        load_scene("spotscan-wall", change)
+    for name, value in change.items():
+        load_scene("spotscan-wall", {name: value})

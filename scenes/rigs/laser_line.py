@@ -56,6 +56,7 @@ def _check(scene: RigScene) -> None:
     """Refuse a sheet that gives no parallax, a camera whose rays do not leave it, and what no rung models."""
     rig = laser_line_rig(scene)
     check_exposure(rig.auto_exposure, rig.detector, scene.name)
+    _check_together(rig, scene.name)
     index = float(medium_data(scene.medium, rig.wavelength_m)["phase_index"])
     sheet, camera = line_sheet(rig, index), line_camera(rig, index)
     check_port(rig, camera, scene.name)
@@ -133,3 +134,22 @@ KIND = RigKind(
         "stand-off": "rig.port.stand_off_m",
     },
 )
+
+
+def _check_together(rig: LaserLineRig, name: str) -> None:
+    """Refuse options that are modelled one by one and not together."""
+    effects, tube = rig.effects, rig.detector.intensifier
+    pairs = (
+        ("effects.exposure_poses", "auto_exposure", effects is not None and effects.exposure_poses is not None
+         and rig.auto_exposure is not None, "the poses are those of the detector's own exposure"),
+        ("effects.blooming", "detector.intensifier", effects is not None and effects.blooming is not None and tube is not None,
+         "the charge that spills is that behind the tube"),
+        ("auto_exposure", "detector.intensifier", rig.auto_exposure is not None and tube is not None,
+         "the control's full well is that of a camera without a tube"),
+    )  # fmt: skip
+    for one, other, both, why in pairs:
+        if both:
+            raise InputError(
+                f"Two options of the rig are not modelled together: {why}.", where=f"{name}: rig", value=f"{one}, {other}",
+                allowed="one of them", next_step=f"leave out rig.{one} or rig.{other}",
+            )  # fmt: skip
