@@ -57,7 +57,7 @@ class Projector:
         gram = self._values @ self._values.T
         if not np.linalg.cond(gram) < _MOST_CONDITION:
             raise InputError(
-                "The samples of the pupil do not tell its Zernike modes apart.", where="rig.pupil.modes", value=modes,
+                "The Zernike modes are not independent over the samples of the pupil.", where="rig.pupil.modes", value=modes,
                 allowed=f"well below the {int(self.mask.sum())} samples inside the pupil, which must lie on the array",
                 next_step="lower rig.pupil.modes, or raise rig.pupil.samples",
             )  # fmt: skip
