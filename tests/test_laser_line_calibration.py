@@ -382,3 +382,11 @@ def test_fifteen_lines_are_found_on_a_real_image() -> None:
         assert np.sqrt(np.mean((column - np.polyval(fit, at)) ** 2)) < 0.35
         places.append(float(np.polyval(fit, 24.0)))
     assert np.abs(np.diff(places) - 37.0).max() < 1.5
+
+
+def test_frames_of_different_exposures_are_no_view_of_a_board(boards: list[xr.Dataset]) -> None:
+    one = boards[0]
+    exposure = np.linspace(1e-3, 2e-3, one.sizes["frame"])
+    mixed = one.assign_coords(exposure=("frame", exposure), gain=("frame", np.ones(exposure.size)))
+    with pytest.raises(InputError, match="one exposure and gain"):
+        board_view(mixed, _BOARD)

@@ -80,7 +80,10 @@ def board_view(
     view = View(seen, window, empty, empty, empty)
     if not on.size:
         return view
-    light = np.asarray(counts.values[on], np.float64).mean(axis=0)
+    frames = np.asarray(counts.values[on], np.float64)
+    top = read_rig(capture).converter("detector").saturation_dn
+    # A pixel that is full in one frame is full in their mean.
+    light = np.where((frames >= top).any(axis=0), np.inf, frames.mean(axis=0)).clip(max=top)
     row, col, sigma = _line(capture.isel(frame=on[:1]), light, image if off.size else None, finder)
     pose = board_pose(geometry.camera, board.points(), seen)
     origin, direction = geometry.camera.rays(row, col)
@@ -125,6 +128,13 @@ def _frames(capture: xr.Dataset) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.
             "A view of a board needs usable frames of one pose.", where="pose", value=pose.tolist(),
             allowed="a rig at rest", next_step="make one capture of each pose",
         )  # fmt: skip
+    for name in ("exposure", "gain"):
+        own = np.asarray(capture[name].values, np.float64)[usable] if name in capture.coords else np.ones(1)
+        if np.ptp(own) > 0:
+            raise InputError(
+                "A view of a board needs frames of one exposure and gain.", where=name, value=own.tolist(),
+                allowed="equal values", next_step="take the board's frames with the automatic exposure off",
+            )  # fmt: skip
     return np.flatnonzero(usable & on), np.flatnonzero(usable & ~on)
 
 

@@ -127,12 +127,6 @@ def _check_image(scene: RigScene, rig: WavefrontRig, lattice: Lattice, cell: flo
                 value=f"cells from {low:.4g} to {high:.4g} px", allowed=f"-0.5 to {size - 0.5:g} px",
                 next_step=f"raise rig.camera.{name}, or lower rig.pupil.diameter_m or the array's offset",
             )  # fmt: skip
-    side = rig.lenslets.across * rig.lenslets.pitch_m
-    if rig.pupil.diameter_m > side * (1.0 + 1e-9):
-        raise InputError(
-            "The pupil is wider than the array.", where=f"{scene.name}: rig.pupil.diameter_m", value=rig.pupil.diameter_m,
-            allowed=f"{side:.4g} m or less",
-        )  # fmt: skip
     if rig.pupil.diameter_m > rig.bench.beam_diameter_m:
         raise InputError(
             "The beam does not fill the pupil.", where=f"{scene.name}: rig.bench.beam_diameter_m",
