@@ -148,7 +148,7 @@ def seen_lines(row: Float, col: Float, *, most_px: float = 5.0, least: int = 100
     piles = [np.histogram(col - k * (row - middle), edges)[0] for k in slopes]
     best = int(np.argmax([(pile.astype(float) ** 2).sum() for pile in piles]))
     upright = col - slopes[best] * (row - middle)
-    pile = piles[best].copy()
+    pile = np.convolve(piles[best], np.ones(3), "same")  # a line may lie on the edge of two bins
     made: list[tuple[Float, Float]] = []
     while len(made) < LINES:
         top = int(pile.argmax())
