@@ -249,7 +249,7 @@ def _table_2_rows() -> list[Row]:
                 _NAN,
                 1e3 * max(apart),
                 _NAN,
-                "by-construction",
+                "undetermined",
                 "the frames are made from this table; the procedure's own error is what is shown",
                 _FREE,
                 _DOCUMENT,
