@@ -29,8 +29,13 @@ def _without(rig: dict[str, Any], path: tuple[Any, ...]) -> str:
     return json.dumps(copy)
 
 
-@pytest.mark.parametrize("name", list_estimators())
-def test_a_missing_value_is_named(name: str) -> None:
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name == "spectrum-reml" else name for name in list_estimators()],
+)
+def test_a_missing_value_is_named(name: str, request: pytest.FixtureRequest) -> None:
+    if name == "spectrum-reml" and "slow" not in str(request.config.getoption("-m")):
+        pytest.skip("takes two minutes: pytest -m slow; it reads the rig as the other spectra do")
     found = get_estimator(name)
     maker = Maker(maker_of(found.stage.word).laws, found.stage, found.unfit)
     capture, refused = maker.clean(), []
