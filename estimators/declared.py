@@ -13,7 +13,7 @@ from typing import Any, Literal
 from ..scenes.errors import InputError
 from .rig import DeclaredRig
 
-__all__ = ["ADC_BITS", "GAIN", "OFFSET", "Key", "check_keys"]
+__all__ = ["ADC_BITS", "GAIN", "OFFSET", "Key", "camera_keys", "check_keys"]
 
 _PAGE = "docs/declared-rig.md lists every value; write null for one that is unknown"
 
@@ -107,6 +107,23 @@ ADC_BITS = Key(
     "detector.adc_bits", "whole", "1", "bits of the converter: counts end at 2^bits − 1", "all", most=53,
     unknown="the full well is the limit; refused if that is unknown too",
 )  # fmt: skip
+
+
+def camera_keys(readers: str) -> tuple[Key, ...]:
+    """The values of a camera's detector whose frames `readers` read: converter, read noise, full well, and a tube."""
+    tube = "detector.intensifier"
+    return (
+        GAIN,
+        OFFSET,
+        Key("detector.read_noise_e", "number", "electron", "rms read noise of a pixel", readers, least=0),
+        Key(
+            "detector.full_well_e", "number", "electron", "electrons at which a pixel is full", readers, above=0,
+            unknown="the converter's top is the limit",
+        ),
+        ADC_BITS,
+        Key(f"{tube}.gain", "number", "1", "gain before the read noise", readers, within=tube, above=0),
+        Key(f"{tube}.excess_noise_factor", "number", "1", "excess noise factor F²", readers, within=tube, above=0),
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=32)

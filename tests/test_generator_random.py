@@ -65,9 +65,7 @@ def test_random_scenes_give_sound_light(part: int, files: tuple[Path, Path]) -> 
 
 
 @pytest.mark.slow
-def test_all_random_scenes_give_sound_light(files: tuple[Path, Path], request: pytest.FixtureRequest) -> None:
-    if "slow" not in str(request.config.getoption("-m")):
-        pytest.skip(f"all {ALL} take minutes: pytest -m slow {Path(__file__).name}; a twelfth of them just ran")
+def test_all_random_scenes_give_sound_light(files: tuple[Path, Path], long_run: None) -> None:
     kinds = [check(number, files) for number in range(ALL)]
     count = {kind: kinds.count(kind) for kind in sorted(set(kinds))}
     print(count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..declared import ADC_BITS, GAIN, OFFSET, Key
+from ..declared import Key, camera_keys
 
 __all__ = ["CALIBRATED", "LASER_LINE_KEYS"]
 
@@ -43,19 +43,7 @@ LASER_LINE_KEYS = (
     Key("laser.divergence_rad", "number", "rad", "full 1/e² divergence of the sheet in the medium", _ALL, least=0),
     Key("laser.fan_half_angle_rad", "number", "rad", "half the angle over which the sheet is spread, in the medium", _ALL, above=0),
     Key("lens_sigma_px", "number", "px", "1 σ of the lens's point spread", _ALL, least=0),
-    GAIN,
-    OFFSET,
-    Key("detector.read_noise_e", "number", "electron", "rms read noise of a pixel", _ALL, least=0),
-    Key(
-        "detector.full_well_e", "number", "electron", "electrons at which a pixel is full", _ALL, above=0,
-        unknown="the converter's top is the limit",
-    ),
-    ADC_BITS,
-    Key("detector.intensifier.gain", "number", "1", "gain before the read noise", _ALL, within="detector.intensifier", above=0),
-    Key(
-        "detector.intensifier.excess_noise_factor", "number", "1", "excess noise factor F²", _ALL, within="detector.intensifier",
-        above=0,
-    ),
+    *camera_keys(_ALL),
     Key(
         "calibration.parameters.*", "word", "1", "what was calibrated, as deviations from the declared values",
         "triangulate-air, triangulate-pinhole-port, triangulate-refractive", within="calibration", words=CALIBRATED,

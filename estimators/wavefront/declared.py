@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from ..declared import ADC_BITS, GAIN, OFFSET, Key
+from ..declared import Key, camera_keys
 
 __all__ = ["WAVEFRONT_KEYS"]
 
 _ALL, _SPOTS, _MODES = "all", "centroids", "reconstructions"
-_TUBE = "detector.intensifier"
 
 WAVEFRONT_KEYS = (
     Key("laser.wavelength_m", "number", "m", "vacuum wavelength", _MODES, above=0),
@@ -32,14 +31,5 @@ WAVEFRONT_KEYS = (
     Key("spot.step_px", "number", "px", "distance of the samples of the spot", _SPOTS, above=0),
     Key("spot.value", "numbers", "1", "the spot's samples, of any scale", _SPOTS),
     Key("reference.exposures", "whole", "1", "exposures that the reference is the mean of", _SPOTS),
-    GAIN,
-    OFFSET,
-    Key("detector.read_noise_e", "number", "electron", "rms read noise of a pixel", _SPOTS, least=0),
-    Key(
-        "detector.full_well_e", "number", "electron", "electrons at which a pixel is full", _SPOTS, above=0,
-        unknown="the converter's top is the limit",
-    ),
-    ADC_BITS,
-    Key("detector.intensifier.gain", "number", "1", "gain before the read noise", _SPOTS, within=_TUBE, above=0),
-    Key("detector.intensifier.excess_noise_factor", "number", "1", "excess noise factor F²", _SPOTS, within=_TUBE, above=0),
+    *camera_keys(_SPOTS),
 )  # fmt: skip
