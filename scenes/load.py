@@ -13,7 +13,7 @@ from .scene import Scene
 from .spec_files import LIBRARY, find_spec_file, read_spec_file
 from .validate import validate_spec
 
-__all__ = ["list_scenes", "load_scene"]
+__all__ = ["anchored_overrides", "list_scenes", "load_scene"]
 
 
 def list_scenes() -> list[str]:
@@ -67,6 +67,27 @@ def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) ->
                 if isinstance(name, str) and not name.startswith("library:") and not replaced:
                     spec["file"] = _beside(name, folder, where)
     return data
+
+
+def anchored_overrides(overrides: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Overrides that a file holds: every file that they name must lie in that file's folder, or is "library:NAME".
+
+    Main arguments:
+        overrides: {path: value}; a value may hold whole tables and lists. folder: of the file.
+
+    Raises:
+        InputError: a named file lies elsewhere.
+    """
+
+    def walk(value: Any, where: str) -> Any:
+        if isinstance(value, dict):
+            return {key: walk(item, f"{where}.{key}") for key, item in value.items()}
+        if isinstance(value, list):
+            return [walk(item, f"{where}.{index}") for index, item in enumerate(value)]
+        named = isinstance(value, str) and where.split(".")[-1] == "file"
+        return _beside(value, folder, where) if named and not value.startswith("library:") else value
+
+    return {path: walk(value, path) for path, value in overrides.items()}
 
 
 def _beside(name: str, folder: Path, where: str) -> str:

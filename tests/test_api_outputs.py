@@ -21,6 +21,8 @@ from beambench.benchmarks.laws.gated import clean_capture
 from beambench.captures import write
 from beambench.scenes.errors import InputError
 
+from ._folders import a_run, plant, tree
+
 ALL = [kinds.RUN, kinds.SWEEP, kinds.ESTIMATE, kinds.SCORE, kinds.REPRODUCE, kinds.BREAK, kinds.FIDELITY]
 
 SUITE: dict[str, Any] = {
@@ -30,29 +32,6 @@ SUITE: dict[str, Any] = {
     "stresses": [{"axis": "photons", "values": [1.0, 0.1]}],
     "seeds": {"test": [1]},
 }
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
-def plant(folder: Path, files: dict[str, str]) -> dict[str, bytes]:
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    return tree(folder)
-
-
-def a_run(folder: Path, verb: str = "run") -> dict[str, bytes]:
-    """An earlier run with a file of the user's in it."""
-    header = json.dumps({"suite_hash": "h", "verb": verb})
-    return plant(
-        folder,
-        {"run.json": json.dumps({"verb": verb}), "journal.jsonl": header + "\n", "scores.csv": "old", "mine.txt": "x",
-         "pictures/a__b.npz": "old", "pictures/my.png": "x", "breakdown.csv": "old"},
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", ALL, ids=lambda kind: kind.verb)

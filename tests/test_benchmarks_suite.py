@@ -106,6 +106,41 @@ def test_a_scene_may_be_listed_twice_under_two_names() -> None:
         load_suite(suite(scenes=["flat-wall", "flat-wall"]))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"target.0.shape.file": "{}"},
+        {"target.wall.shape": {"kind": "mesh", "file": "{}", "extent_m": 1.0}},
+        {"target": [{"name": "wall", "shape": {"kind": "mesh", "file": "{}", "extent_m": 1.0}}]},
+        {"target.0.texture.file": "../{}"},
+    ],
+)
+def test_the_overrides_of_a_suite_file_name_no_file_outside_its_folder(tmp_path: Path, change: dict[str, Any]) -> None:
+    import json
+
+    secret = tmp_path / "secret.obj"
+    secret.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "suites").mkdir()
+    path = tmp_path / "suites" / "mine.json"
+    text = json.dumps(suite(scenes=[{"scene": "flat-wall", "overrides": change}]))
+    path.write_text(text.replace("{}", str(secret)))
+    with pytest.raises(InputError, match="lie in its folder"):
+        load_suite(path)
+
+
+def test_the_overrides_of_a_suite_file_find_meshes_beside_it(tmp_path: Path) -> None:
+    import json
+
+    folder = tmp_path / "suites"
+    folder.mkdir()
+    (folder / "tile.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    shape = {"kind": "mesh", "file": "tile.obj", "size_m": 1.0, "center_m": [0, 0, 2], "rotation_deg": [0, 0, 0]}
+    path = folder / "mine.json"
+    path.write_text(json.dumps(suite(scenes=[{"scene": "flat-wall", "overrides": {"target.wall.shape": shape}}])))
+    loaded = load_suite(path).scenes[0][1].target[0].shape
+    assert Path(loaded.file) == (folder / "tile.obj").resolve()  # type: ignore[union-attr]
+
+
 WALL = {"scene": "flat-wall", "overrides": {"rig.camera.rows": 8, "rig.camera.cols": 8}}
 DIM = {"overrides": {"target.wall.material.albedo": 0.05, "rig.pulses_per_slice": 9}}
 

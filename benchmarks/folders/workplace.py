@@ -2,28 +2,25 @@
 
 A verb replaces only a folder that has its own mark, and in it only its own files: everything else in the folder stays.
 A new result that replaces one is written into `<folder>/unfinished`; when it is complete, the old files are moved to
-`<folder>/replaced`, the new ones take their places, and then the old ones are removed. Both folders lie inside the
-output folder, because that is on one disk and writable, while the folder around it may not be.
+`<folder>/replaced`, the new ones take their places, and then the old ones are removed (`exchange`; the next start finishes
+one that was interrupted). Both folders lie inside the output folder, because that is on one disk and writable, while the
+folder around it may not be.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ...captures.store.journal import fsync_path
 from ...scenes.errors import InputError
 from ...scenes.places import local_path
+from .exchange import EXCHANGE, UNFINISHED, exchange, finish_exchange, remove_owned
 from .kinds import Kind, verb_in
 
 __all__ = ["UNFINISHED", "locked", "output_folder", "refuse_inputs", "refuse_place", "workplace"]
-
-UNFINISHED = "unfinished"
-_REPLACED = "replaced"
 
 
 def output_folder(out: str | Path | None, name: str, *, resume: bool, overwrite: bool) -> Path:
@@ -148,6 +145,7 @@ def workplace(
         InputError: the content may not be replaced, another process is writing there, or the folder cannot be written.
     """
     refuse_inputs(out, inputs)
+    _finish(out, kind)
     held = _held(out)
     if held:
         _admit(out, kind, held, resume=resume, overwrite=overwrite)
@@ -173,11 +171,28 @@ def workplace(
             _tell(error, work, kind)
             if not kind.kept(work) and not resume:
                 with suppress(OSError):
-                    _remove(work, kind, itself=work != out)
+                    remove_owned(work, kind, itself=work != out)
                 for folder in made:
                     with suppress(OSError):
                         folder.rmdir()
             raise
+
+
+def _finish(out: Path, kind: Kind) -> None:
+    """Finish an exchange that was interrupted."""
+    if os.path.lexists(out / EXCHANGE):
+        with locked(out):
+            try:
+                finish_exchange(out, kind)
+            except OSError as error:
+                raise _refused(out, error) from error
+
+
+def _exchange(work: Path, out: Path, kind: Kind) -> None:
+    try:
+        exchange(work, out, kind)
+    except OSError as error:
+        raise _refused(out, error) from error
 
 
 def _held(folder: Path) -> list[str]:
@@ -234,61 +249,10 @@ def _empty(work: Path, kind: Kind) -> None:
     if work.is_symlink() or not work.is_dir():
         raise InputError("Other files are in the place of the new output.", where=str(work))
     with locked(work):
-        _remove(work, kind, itself=True)
+        remove_owned(work, kind, itself=True)
     if work.exists():
         raise InputError("Other files are in the place of the new output.", where=str(work),
                          value=_held(work), next_step="move them elsewhere")  # fmt: skip
-
-
-def _remove(folder: Path, kind: Kind, *, itself: bool) -> None:
-    """Remove the files of the verb, and folders that are then empty."""
-    for path in kind.files(folder):
-        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-    _tidy(folder, kind)
-    if itself:
-        with suppress(OSError):
-            folder.rmdir()
-
-
-def _tidy(folder: Path, kind: Kind) -> None:
-    """Remove the empty folders of an output."""
-    for part in {path.parent for path in map(folder.joinpath, kind.owned)} - {folder}:
-        with suppress(OSError):
-            part.rmdir()
-
-
-def _exchange(work: Path, out: Path, kind: Kind) -> None:
-    """Replace the old files by the new ones; if that fails, all files are back in their places."""
-    old, new = kind.files(out), [path for path in kind.files(work) if path.suffix != ".partial"]
-    known = {*kind.files(work)}
-    new += [path for path in work.rglob("*") if path.is_file() and not {path, *path.parents} & known]
-    standing = {path.relative_to(out) for path in old}
-    for path in new:
-        place = path.relative_to(work)
-        if place not in standing and os.path.lexists(out / place):
-            raise InputError("A file of the new output has the same name as one that Beambench did not write.",
-                             where=str(out / place), next_step="move it elsewhere")  # fmt: skip
-    aside, number = out / _REPLACED, 2
-    while os.path.lexists(aside):
-        aside, number = out / f"{_REPLACED}-{number}", number + 1
-    moves = [(path, aside / path.relative_to(out)) for path in old]
-    moves += [(path, out / path.relative_to(work)) for path in new]
-    done: list[tuple[Path, Path]] = []
-    try:
-        for source, target in moves:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            os.rename(source, target)
-            done.append((source, target))
-        fsync_path(out)
-    except BaseException as error:
-        for source, target in reversed(done):
-            os.rename(target, source)
-        if isinstance(error, OSError):
-            raise _refused(out, error) from error
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
-    shutil.rmtree(work, ignore_errors=True)  # it contains no files any more
-    _tidy(out, kind)  # parts that the old output had and the new one has not
 
 
 def _tell(error: BaseException, work: Path, kind: Kind) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...captures.layouts import LAYOUTS, layout_of
 from ...estimators.labels import label_of
 from ...scenes.errors import InputError
+from ..folders.exchange import refuse_unfinished
 from ..statistics.pooled import bias_is_real, weakest_kind
 from .cell import Cell
 
@@ -31,6 +32,7 @@ __all__ = [
 
 def read_run(folder: Path) -> dict[str, Any]:
     """Read run.json of a run's folder; without the file the record is empty: a score table alone can be reported."""
+    refuse_unfinished(folder)
     path = folder / "run.json"
     if not path.exists():
         return {}

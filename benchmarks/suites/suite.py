@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ...scenes.load import load_scene
+from ...scenes.load import anchored_overrides, load_scene
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
@@ -68,14 +68,17 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
         overrides: {path: value}. A path whose first part is a key of the suite changes the suite; one whose first part
             is a key of scenes (`rig`, `target`, `medium`, `declared`) changes every scene.
 
+    Files that the overrides of a suite *file* name lie in its folder or below; paths in `overrides` and in plain data are the
+    user's own.
+
     Raises:
         InputError: a suite, scene or key is unknown, a value is missing or impossible, or two scenes have the same name.
     """
     if isinstance(source, Mapping):
-        data, where, folder = dict(source), "suite data", Path.cwd()
+        data, where, folder, own = dict(source), "suite data", Path.cwd(), True
     else:
         path = find_spec_file(str(source), SUITES, kind="suite", next_step="beambench run quickstart")
-        data, where, folder = read_spec_file(path), str(source), path.parent
+        data, where, folder, own = read_spec_file(path), str(source), path.parent, False
     of_suite, of_scenes = _split(overrides or {})
     of_variants = {path: value for path, value in of_suite.items() if path.split(".")[0] == "variants"}
     data = apply_overrides(data, of_variants) if of_variants else data
@@ -87,7 +90,8 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
     suite = validate_spec(Suite, data, where)
     loaded: list[tuple[str, Scene]] = []
     for entry in suite.scenes:
-        scene = load_scene(_anchor(entry.scene, folder), {**entry.overrides, **of_scenes})
+        changes = entry.overrides if own else anchored_overrides(entry.overrides, folder)
+        scene = load_scene(_anchor(entry.scene, folder), {**changes, **of_scenes})
         loaded.append((entry.name or scene.name, scene))
     names = [name for name, _ in loaded]
     if len(set(names)) != len(names):
