@@ -95,6 +95,26 @@ def test_flat_wall_range_is_z_over_cosine() -> None:
     assert not truth["truth_mixed"].any()
 
 
+def test_a_pixel_is_mixed_where_its_echoes_span_a_twentieth_of_the_response() -> None:
+    """Spans by the wall's plane and the rays of a pixel's corners; half width of R by its two error functions."""
+    pitch = 0.7 * 13e-6 / 4e-3
+    gate = {"kind": "rectangular", "width_s": 1e-9, "transmission": 1.0}
+    camera = {"rig.camera.rows": 32, "rig.camera.cols": 32, "rig.camera.focal_length_m": 4e-3}
+    scene = load_scene("tilted-wall", camera | {"rig.gates": [gate], "rig.camera.pixel_pitch_m": 0.7 * 13e-6})
+    u = np.linspace(-2e-9, 3e-9, 200_001)
+    response = gaussian_rectangle(u, 1e-9, 1e-9)
+    above = u[response > response.max() / 2]
+    row, col = (pitch * (k[..., None] - 15.5 + np.array([-0.5, 0.5])) for k in np.mgrid[:32, :32].astype(float))
+    x, y = col[:, :, None, :], row[:, :, :, None]
+    span = 5.0 * np.sqrt(1 + x**2 + y**2) / (1 + np.tan(np.radians(40.0)) * x)
+    span = np.ptp(span.reshape(32, 32, 4), axis=2) * 2 * group_index(scene.medium, 532e-9) / C
+    share = span / np.ptp(above)
+    mixed = render_direct(scene, 1e-3).truth["truth_mixed"]
+    # The lattice of sub-samples ends before a pixel's corners: a few percent.
+    assert mixed[share > 0.05 * 1.05].all() and not mixed[share < 0.05].any()
+    assert 0.1 < mixed.mean() < 0.9
+
+
 def test_expectation_follows_the_inverse_square_and_the_brdf() -> None:
     """On the axis: amplitude ∝ cosθ/r² for Lambert and ∝ Eq. 4 for the surface of Guo et al. 2017, within 1e-4."""
     small = {"rig.camera.rows": 3, "rig.camera.cols": 3, "rig.camera.focal_length_m": 0.5}

@@ -154,7 +154,7 @@ def test_an_avalanche_multiplies_noise_by_its_excess() -> None:
     assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / 3000 / 128) * 1.5)
 
 
-@pytest.mark.parametrize("dead_s", [0.0, 1e-9, 1.0])
+@pytest.mark.parametrize("dead_s", [0.0, 2e-10, 1e-9, 1.0])  # one bin more or less shows best in the second
 def test_single_photon_histograms_pile_up_as_the_law_says(dead_s: float) -> None:
     changes = PENCIL | {"rig.record.shots": 400, "rig.record.scan_half_angle_rad": 0.0,
                         "rig.detector.readout.dead_time_s": dead_s}  # fmt: skip
@@ -168,7 +168,7 @@ def test_single_photon_histograms_pile_up_as_the_law_says(dead_s: float) -> None
     spread = np.sqrt(expected / pulses * (1 - expected / pulses) * pulses / 400) + 1e-12
     z = (counts.mean(axis=0) - expected) / spread
     assert np.abs(z[expected > 0.05]).max() < 4.5
-    if dead_s:
+    if dead_s >= 1e-9:
         assert live.min() < 0.75 * pulses and counts.sum(axis=1).max() <= (pulses if dead_s == 1.0 else np.inf)
     assert capture["signal"].dtype == np.uint16
 
