@@ -78,7 +78,7 @@ def test_a_capture_holds_its_settings_and_finders_read_them() -> None:
     scene = load_scene("spotscan-wall", changes)
     capture = generate(scene, seed=2, fidelity="direct", rtol=0.05, truth_electrons=True)
     factor, gain = capture["exposure"].values / 5e-3, capture["gain"].values
-    assert factor == pytest.approx(4.0) and (gain > 1.5).all() and np.ptp(gain) == 0
+    assert factor == pytest.approx(4.0) and (gain > 1.5).all() and np.ptp(gain) < 1e-12 * gain[0]
     mean = 8.0 + capture["truth_electrons"].values * 5e-3 * gain[:, None, None]
     assert mean[:2].max() == pytest.approx(200.0, abs=0.5)
     apart = capture["counts"].values[:2] - mean[:2]
@@ -92,6 +92,36 @@ def test_a_capture_holds_its_settings_and_finders_read_them() -> None:
     assert ok.mean() > 0.99 and 0.85 < np.sqrt((z**2).mean()) < 1.1
     with pytest.raises(InputError, match="not positive"):
         run_estimator("line-ml", hide_truth(capture).assign_coords(gain=("frame", [1.0, 0.0, 1.0])))
+
+
+def test_a_dark_count_is_data_where_the_gain_makes_read_noise_reach_it() -> None:
+    """Offset 8 DN, read noise .5 DN at the declared gain and 4 DN at eight times that: Q(2.1) of dark pixels have a count of 0."""
+    base = {"rig.detector.read_noise_e": 100.0, "target.wall.material.albedo": 0.02}
+    from beambench.estimators.laser_line.frames import Scale, read_frames
+    from beambench.estimators.rig import read_rig
+
+    auto = {"rig.auto_exposure": AUTO | {"exposure_s": [1e-3, 1e-3], "gain": [8.0, 8.0]}}
+    for changes, dead in ((auto, -np.inf), ({}, 0.0)):
+        capture = hide_truth(generate(load_scene("spotscan-wall", base | changes), seed=3, fidelity="direct", rtol=0.1))
+        scale = Scale.of(read_rig(capture))
+        gain = capture["gain"].values if changes else np.ones(capture.sizes["frame"])
+        assert (scale.deads_dn(gain) == dead).all()
+        if changes:
+            zeros = (capture["counts"].values == 0).mean()
+            assert zeros > 0.01 and np.isfinite(read_frames(capture, scale, "unused").counts).all()
+
+
+def test_the_tolerance_noise_is_that_at_the_frames_own_exposure_and_gain() -> None:
+    """An automatic camera held at half of the exposure and four times the gain, and a camera that has both from the start."""
+    auto = {"rig.auto_exposure": AUTO | {"exposure_s": [2.5e-3, 2.5e-3], "gain": [4.0, 4.0]}}
+    fixed = {"rig.detector.exposure_s": 2.5e-3, "rig.detector.gain_dn_per_e": 2e-2}
+    limits = []
+    for changes in (auto, fixed, {}):
+        scene = load_scene("spotscan-wall", {"rig.camera.rows": 16, "target.wall.material.albedo": 0.005} | changes)
+        told = json.loads(generate(scene, seed=1, fidelity="auto", rtol="noise").attrs["fidelity"])
+        limits.append(told["rtol"])
+    assert limits[0] == pytest.approx(limits[1], rel=1e-3)
+    assert limits[2] < 0.8 * limits[1]
 
 
 def test_a_full_well_is_seen_at_a_gain_below_one() -> None:

@@ -296,3 +296,23 @@ def test_a_scattering_medium_needs_its_phase_function() -> None:
     scene = load_scene("spotscan-wall", SMALL | {"medium.scattering_per_m": 0.1})
     with pytest.raises(InputError, match="phase function"):
         generate(scene, seed=1, fidelity="full")
+
+
+def test_traced_light_is_out_of_focus_where_the_line_is() -> None:
+    """A wall square to the camera in water: a lens focused beyond it blurs as a wider point spread does, path by path."""
+    f, number, pitch = 0.02, 2.0, 1e-5
+    scene = load_scene("spotscan-wall", SMALL | {"medium": _water(0.1, 0.3, 0.9), "rig.port": {"kind": "none"}})
+    data = scene.model_dump(mode="json")
+    data["rig"]["camera"] |= {"focal_length_m": f, "f_number": number, "pixel_pitch_m": pitch, "rows": 8}
+    wall = data["target"][0]["shape"]
+    wall |= {"tilt_x_deg": 0.0, "tilt_y_deg": 0.0}
+    depth = wall["center_m"][2]
+    sensor, image = 1 / (1 / f - 1 / (0.5 * depth)), 1 / (1 / f - 1 / depth)
+    blur = 0.25 * f / number * abs(1 - sensor / image) / pitch
+    wide = float(np.hypot(blur, data["rig"]["lens_sigma_px"]))
+    images = []
+    for change in ({"effects": {"focus": {"distance_m": 0.5 * depth}}}, {"lens_sigma_px": wide}):
+        made = load_scene({**data, "rig": {**data["rig"], **change}})
+        images.append(_rest(made, 16)[2].light)
+    assert blur > 1.0 and images[0].max() > 0
+    np.testing.assert_allclose(images[0], images[1], rtol=1e-4)  # depths are traced in single precision

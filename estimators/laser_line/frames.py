@@ -35,7 +35,6 @@ class Scale:
     dn_per_e: float
     well_dn: float
     adc_dn: float
-    dead_dn: float
     floor_e2: float
     excess: float
 
@@ -45,7 +44,7 @@ class Scale:
         """The scale of a declared rig. Raises InputError where it lacks a value."""
         converter, (gain, excess) = rig.converter("detector"), rig.amplifier("detector.intensifier")
         return Scale(
-            converter.offset_dn, converter.gain_dn_per_e * gain, *_ends(rig, converter), converter.dead_dn,
+            converter.offset_dn, converter.gain_dn_per_e * gain, *_ends(rig, converter),
             converter.floor_e2 / gain**2, excess,
         )  # fmt: skip
 
@@ -68,6 +67,12 @@ class Scale:
         well = self.offset_dn + gain * (self.well_dn - self.offset_dn)
         return np.minimum(np.where(gain == 1.0, well, np.floor(well + 0.5)), self.adc_dn)
 
+    def deads_dn(self, gain: Float) -> Float:
+        """The counts (frame) [DN] at and below which a pixel of frames of these gains is no datum: 0 where the offset lies 8
+        standard deviations of the floor, read noise at that gain and the converter's step, above it; −inf where it does not."""
+        floor_e2 = self.floor_e2 + (gain**-2 - 1.0) / (12.0 * self.dn_per_e**2)
+        return np.where(self.offset_dn > 8.0 * self.dn_per_e * gain * np.sqrt(floor_e2), 0.0, -np.inf)
+
 
 def _ends(rig: DeclaredRig, converter: Converter) -> tuple[float, float]:
     """(`well_dn`, `adc_dn`) of a declared rig, one of which is its converter's `saturation_dn`."""
@@ -80,10 +85,10 @@ def _ends(rig: DeclaredRig, converter: Converter) -> tuple[float, float]:
     return well, adc
 
 
-def _good(counts: npt.NDArray[Any], top_dn: Float | float, dead_dn: float) -> Bool | None:
+def _good(counts: npt.NDArray[Any], top_dn: Float | float, dead_dn: Float | float) -> Bool | None:
     """Whether counts are numbers between the two; None where all are, which two passes show."""
     within = counts.dtype.kind in "ui" and counts.size and float(counts.max()) < np.min(top_dn)
-    if within and float(counts.min()) > dead_dn:
+    if within and float(counts.min()) > np.max(dead_dn):
         return None
     values = np.asarray(counts, np.float64)
     with np.errstate(invalid="ignore"):
@@ -144,10 +149,10 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
     usable = np.repeat(valid & on, shape[1])
     flat = np.ascontiguousarray(counts).reshape(-1, shape[2])
     gain, exposure = (_per_frame(capture, name) for name in ("gain", "exposure"))
-    tops = scale.tops_dn(gain)[:, None, None]
-    top, dead, scaled = float(tops.min(initial=np.inf)), scale.dead_dn, counts
+    tops, deads = scale.tops_dn(gain)[:, None, None], scale.deads_dn(gain)[:, None, None]
+    top, dead, scaled = float(tops.min(initial=np.inf)), float(deads.max(initial=-np.inf)), counts
     if (gain != 1.0).any():
-        good = _good(counts, tops, scale.dead_dn)
+        good = _good(counts, tops, deads)
         scaled = scale.offset_dn + (counts - scale.offset_dn) / gain[:, None, None]
         scaled[np.zeros(counts.shape, bool) if good is None else ~good] = np.nan
         flat, top, dead = scaled.reshape(-1, shape[2]), np.inf, -np.inf
@@ -160,7 +165,7 @@ def read_frames(capture: xr.Dataset, scale: Scale, off_frames: OffFrames) -> Fra
             value=f"{int(on.sum())} of {on.size} frames with laser", allowed="one valid frame or more without",
             next_step="record frames with the laser off (rig.frames.laser_off), or leave off_frames out",
         )  # fmt: skip
-    good, dark_good = _good(counts, tops, scale.dead_dn), _good(counts[off], tops[off], scale.dead_dn)
+    good, dark_good = _good(counts, tops, deads), _good(counts[off], tops[off], deads[off])
     # Light of the exposure of each lit frame; the mean of frames of other exposures is that of their rates.
     rate = (scale.electrons(scaled[off]) / exposure[off, None, None]).mean(axis=0)
     lit = np.asarray(scaled, np.float64) - rate * exposure[:, None, None] * scale.dn_per_e

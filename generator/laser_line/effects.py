@@ -20,6 +20,7 @@ Float = NDArray[np.float64]
 #: Effects of scattered light: the first two are what the rung `scatter` adds.
 MOTION = "motion blur"
 EVEN_SCATTERED = "scattered even light"
+_DEFOCUS = "disc of second moment D²/16 as a Gaussian, along the rows; of line and traced light, not of curtain, halo, even light"
 SCATTERED = ("curtain of scattered light", "forward-scattered halo", "multiple scattering")
 
 
@@ -50,7 +51,7 @@ def catalogue(scene: Scene, light: FrameLight, rung: str = "direct") -> list[Eff
         effect("lens point spread", rig.lens_sigma_px > 0, None, "Gaussian, along the rows"),
         effect("lens point spread across edges", False, 0.0 if rig.lens_sigma_px == 0 else None, "not modelled"),
         effect("light reflected inside the port", False, 0.0 if rig.port.kind == "none" else None, "not modelled"),
-        effect("defocus", focus, None if focus else 0.0, "disc of second moment D²/16 as a Gaussian, along the rows"),
+        effect("defocus", focus, None if focus else 0.0, _DEFOCUS),
         effect(
             MOTION,
             made.exposure_poses is not None,

@@ -73,11 +73,16 @@ class Tracing:
     number: int = 0
     sums: Float = field(init=False)
     squares: Float = field(init=False)
+    lens: Float = field(init=False)
 
     def __post_init__(self) -> None:
         self.world = LineWorld.of(self.setting, self.pose, self.reached_m, self.geometry)
         self.added = np.zeros(self.row.size) if self.straight is None else self.straight(self.world.straight)
         self.sums, self.squares = np.zeros((2, self.row.size)), np.zeros((2, self.row.size))
+        self.lens = np.asarray(self.setting.rig.lens_sigma_px)
+        if self.setting.lens is not None:  # defocus by the depth that the pixel's middle sees, as of the line
+            seen = self.setting.see(self.row.astype(float), self.col.astype(float), self.pose, lit=False)
+            self.lens = np.where(seen.hit, self.setting.lens_px(self.col.astype(float), seen.point), self.lens)
 
     def add(self, samples: int) -> None:
         """One round: `samples` paths (even) in every pixel, half of them in each half."""
@@ -105,7 +110,7 @@ class Tracing:
             number = self.samples // 2 + np.arange(begin, min(begin + step, per))
             even = (shift[:, None] + np.multiply.outer(_LATTICE, number)[..., None]) % 1.0
             shape = (number.size, whole)
-            blur = draw.standard_normal(shape)[:, place] * self.setting.rig.lens_sigma_px
+            blur = draw.standard_normal(shape)[:, place] * (self.lens if np.ndim(self.lens) == 0 else self.lens[own])
             words = [draw.integers(1 << 63, size=shape, dtype=np.uint64)[:, place] for _ in range(2)]
             row, col = self.row[own] + even[0] - 0.5, self.col[own] + even[1] - 0.5 + blur
             value = self._traced(row, col, even[2:], words)
