@@ -39,19 +39,19 @@ def _text(made: Generated, given: Arguments) -> None:
 
 def _plan(plan: list[dict[str, Any]]) -> None:
     print_table(
-        ("scene", "seed", "slices × rows × cols", "counts", "fidelity", "rtol"),
+        ("scene", "seed", "samples × elements", "counts", "fidelity", "rtol"),
         [
             (
                 p["scene"],
                 str(p["seed"]),
-                f"{p['slices']} × {p['rows']} × {p['cols']}",
+                f"{p['slices']} × ({p['rows']} × {p['cols']})",
                 size_text(p["bytes"]),
                 p["fidelity"],
                 p["rtol"] if p["rtol"] == "noise" else f"{p['rtol']:g}",
             )
             for p in plan
         ],
-        right=("seed", "slices × rows × cols", "counts", "rtol"),
+        right=("seed", "samples × elements", "counts", "rtol"),
     )
     print_lines(f"{len(plan)} captures, {size_text(sum(p['bytes'] for p in plan))} of counts")
 

@@ -19,12 +19,12 @@ def _list_json(rows: list[dict[str, Any]], given: Arguments) -> list[dict[str, A
 
 def _list_text(rows: list[dict[str, Any]], given: Arguments) -> None:
     print_table(
-        ("scene", "modality", "slices × rows × cols", "medium", "title"),
+        ("scene", "modality", "samples × elements", "medium", "title"),
         [
-            (r["name"], r["modality"], f"{r['slices']} × {r['rows']} × {r['cols']}", r["medium"], r["title"])
+            (r["name"], r["modality"], f"{r['slices']} × ({r['rows']} × {r['cols']})", r["medium"], r["title"])
             for r in rows
         ],
-        right=("slices × rows × cols",),
+        right=("samples × elements",),
     )
 
 
