@@ -23,6 +23,7 @@ BUILTIN: dict[str, str] = {
     "line-parabola": "beambench.estimators.laser_line.three_points:line_parabola",
     "line-peak": "beambench.estimators.laser_line.peak:line_peak",
     "line-steger": "beambench.estimators.laser_line.steger:line_steger",
+    "line-template": "beambench.estimators.laser_line.template:line_template",
     "line-window-centroid": "beambench.estimators.laser_line.centroid:line_window_centroid",
     "log-gaussian": "beambench.estimators.gated.log_gaussian:log_gaussian",
     "matched-filter": "beambench.estimators.gated.matched_filter:matched_filter",
