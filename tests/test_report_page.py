@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
@@ -114,6 +115,15 @@ def test_elements_of_a_grid_of_stresses_are_all_counted(tmp_path: Path) -> None:
     pd.DataFrame(rows).to_csv(tmp_path / "scores.csv", index=False)
     text = read(write_report(tmp_path).read_text(encoding="utf-8")).text
     assert "9.00 M pixels with truth" in " ".join(text.split())
+
+
+def test_a_level_without_any_truth_is_a_gap_in_the_chart(tmp_path: Path) -> None:
+    """A wall that turns out of the light: no element has truth, so that the share of failed ones is no number."""
+    rows = [made_up.score_row(stress="incidence", level=str(a)) for a in (0, 40)]
+    rows.append(made_up.score_row(stress="incidence", level="80", n=0, failure_rate=math.nan, rmse=math.nan))
+    pd.DataFrame(rows).to_csv(tmp_path / "scores.csv", index=False)
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert '"failed": null' in page
 
 
 def test_the_page_tells_the_limit_of_failure(page: str) -> None:

@@ -295,5 +295,14 @@ def finished(chart: Any, *, page: bool) -> dict[str, Any]:
     chart = chart.configure_legend(labelColor=ink, titleColor=ink, labelFontSize=11)
     chart = chart.configure_title(color=ink, fontSize=13, anchor="start", fontWeight=600)
     chart = chart.configure_text(color=ink)
-    spec: dict[str, Any] = chart.to_dict()
+    spec: dict[str, Any] = _finite(chart.to_dict())
     return spec
+
+
+def _finite(value: Any) -> Any:
+    """The same data with null for numbers that are none: a share of no elements is shown as a gap."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
