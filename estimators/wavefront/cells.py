@@ -8,23 +8,39 @@ with the array's tilt and with the lenslets is the same in both and drops out; t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.spatial import cKDTree
 
 from ...scenes.errors import InputError
 from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
+from .field_search import assigned_spots, spots_in
 from .geometry import Geometry, Spot, declared_geometry, declared_spot
 
-__all__ = ["Cells", "Found", "Method", "Scale", "cells_of", "check_frames", "first_guess", "measured", "relative"]
+__all__ = [
+    "Cells",
+    "Found",
+    "Method",
+    "Scale",
+    "Search",
+    "cells_of",
+    "check_frames",
+    "first_guess",
+    "measured",
+    "relative",
+]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
+
+#: Where the spot of a lenslet is looked for: in its cell, or anywhere in the frame.
+Search = Literal["cell", "field"]
 
 #: A pixel of a cell whose distance from the middle is above this share of the pitch, in both axes, shows the background.
 _CORNER = 0.35
@@ -120,8 +136,11 @@ class _Gather:
 
 
 @lru_cache(maxsize=8)
-def _gather(rig: DeclaredRig, rows: int, cols: int) -> _Gather:
-    geometry = declared_geometry(rig)
+def _declared_gather(rig: DeclaredRig, rows: int, cols: int) -> _Gather:
+    return _gather(declared_geometry(rig), rows, cols)
+
+
+def _gather(geometry: Geometry, rows: int, cols: int) -> _Gather:
     half = 0.5 * geometry.pitch_px
     reach = int(np.floor(half)) + 1
     step = np.arange(-reach, reach + 1)
@@ -136,17 +155,19 @@ def _gather(rig: DeclaredRig, rows: int, cols: int) -> _Gather:
     return _Gather(np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1), x, y, inside & there, corner & there, whole)
 
 
-def cells_of(images: npt.NDArray[Any], rig: DeclaredRig, *, exposures: int = 1, least_sigmas: float = 5.0) -> Cells:
+def cells_of(
+    images: npt.NDArray[Any], rig: DeclaredRig, *, exposures: int = 1, least_sigmas: float = 5.0, moved: Geometry | None = None
+) -> Cells:  # fmt: skip
     """The cells of images (image, rows, cols) [DN].
 
     Other arguments:
         exposures: that the image is the mean of. least_sigmas: height of a spot's brightest pixel over the background, in
-            standard deviations of a pixel without light.
+            standard deviations of a pixel without light. moved: places of the spots where they are not the declared ones.
 
     The background of an image is the mean of the corners of a cell, the median over all of them.
     """
-    geometry, scale = declared_geometry(rig), Scale.of(rig)
-    at = _gather(rig, *images.shape[1:])
+    geometry, scale = moved or declared_geometry(rig), Scale.of(rig)
+    at = _gather(geometry, *images.shape[1:]) if moved else _declared_gather(rig, *images.shape[1:])
     counts = images[:, at.row[:, :, None], at.col[:, None, :]]
     good = scale.good(counts)
     z = scale.electrons(counts)
@@ -216,8 +237,11 @@ def check_frames(capture: xr.Dataset) -> tuple[DeclaredRig, npt.NDArray[Any], np
     return rig, counts, reference
 
 
-def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0) -> xr.Dataset:
+def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0, search: Search = "cell") -> xr.Dataset:
     """The result of the stage `centroid`: spots [px] (frame, lenslet, axis), axis 0 along columns.
+
+    Other arguments:
+        search: "field": spots are looked for in the whole frame, and a cell is laid about that of each lenslet.
 
     Raises InputError as `check_frames`, for a reference without spots, and for one whose spots do not lie where the rig declares
     them.
@@ -238,7 +262,10 @@ def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0) 
     lock = _locking(cells_of(reference[None], rig), method)
     lenslets = len(geometry.place_px)
     some = max(_AT_ONCE // lenslets, 1)
-    parts = [found(counts[k : k + some], 1) for k in range(0, len(counts), some)]
+    if search == "cell":
+        parts = [found(counts[k : k + some], 1) for k in range(0, len(counts), some)]
+    else:
+        parts = [_sought(image, rig, method, least_sigmas) for image in counts]
     shape = (len(counts), lenslets)
     frames = Found(
         np.concatenate([one.position for one in parts]).reshape(*shape, 2),
@@ -247,6 +274,30 @@ def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0) 
     )
     _check_reference(origin.good, first_guess(cells_of(reference[None], rig))[:, :2], geometry)
     return relative(frames, origin, usable, geometry, lock)
+
+
+def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sigmas: float) -> Found:
+    """What a method finds in a frame in cells about the spots that `field_search` gives the lenslets.
+
+    Where spots stand closer than lenslets, cells are as wide as the spots are apart.
+    """
+    geometry, scale, spot = declared_geometry(rig), Scale.of(rig), declared_spot(rig)
+    light = np.where(scale.good(image), scale.electrons(image), np.nan)
+    spots = spots_in(light, geometry.pitch_px, spot.sigma_px, least_sigmas)
+    owner = assigned_spots(geometry.place_px, spots, geometry.pitch_px)
+    held = owner >= 0
+    shift = np.zeros(geometry.place_px.shape)
+    width = geometry.pitch_px
+    if held.any():
+        shift[held] = np.rint(spots[owner[held]] - geometry.place_px[held])
+        if held.sum() > 1:
+            width = min(width, float(np.median(cKDTree(spots[owner[held]]).query(spots[owner[held]], 2)[0][:, 1])))
+    moved = replace(geometry, place_px=geometry.place_px + shift, pitch_px=width)
+    cells = cells_of(image[None], rig, least_sigmas=least_sigmas, moved=moved)
+    one = method(cells)
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(one.position) <= 0.5 * width).all(axis=1)
+    return Found(one.position + shift, one.variance, one.good & cells.sound & near & held)
 
 
 def _locking(cells: Cells, method: Method) -> Float:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..registry import estimator
-from .cells import Cells, Found, first_guess, measured
+from .cells import Cells, Found, Search, first_guess, measured
 
 __all__ = ["spot_correlation", "spot_matched"]
 
@@ -126,6 +126,7 @@ def spot_correlation(
     metric: Literal["product", "square", "absolute"] = "product",
     fit: Literal["lines", "surface"] = "lines",
     least_sigmas: float = 5.0,
+    search: Search = "cell",
 ) -> xr.Dataset:
     """The maximum of Σ z T(x − c) on whole pixels, T the declared spot, or, by `metric`, the minimum of Σ (z − A T)² or
     of Σ |z − A T|, A the cell's light.
@@ -136,7 +137,7 @@ def spot_correlation(
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. A parabola is not the peak's shape: the reading is
     biased by the place within a pixel.
     """
-    return measured(capture, partial(_correlated, fit=fit, metric=metric), least_sigmas=least_sigmas)
+    return measured(capture, partial(_correlated, fit=fit, metric=metric), least_sigmas=least_sigmas, search=search)
 
 
 def _matched(cells: Cells, steps: int) -> Found:
@@ -178,9 +179,11 @@ def _sum(z: Float, down: Float, along: Float) -> Float:
 
 
 @estimator("centroid", cites="M. Gratadour, L. M. Mugnier, D. Rouan, A&A 443:357, 2005 (maximum of the correlation)")
-def spot_matched(capture: xr.Dataset, *, steps: int = 30, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_matched(
+    capture: xr.Dataset, *, steps: int = 30, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """c maximises Σ z T(x − c)/√ΣT², T the declared spot integrated over pixels, by Newton's method from the brightest pixel.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
     """
-    return measured(capture, partial(_matched, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
+    return measured(capture, partial(_matched, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search)

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from ..registry import estimator
-from .cells import Cells, Found, first_guess, measured
+from .cells import Cells, Found, Search, first_guess, measured
 
 __all__ = ["spot_gaussian", "spot_joint", "spot_ml"]
 
@@ -98,13 +98,13 @@ def _ml(cells: Cells, steps: int) -> Found:
 
 
 @estimator("centroid", cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-maximum likelihood), per spot")
-def spot_ml(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_ml(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0, search: Search = "cell") -> xr.Dataset:
     """x, y and A of μ = B + A P(x − cx) P(y − cy) by maximum likelihood, P the declared spot over pixels, B the frame's background.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Light of neighbours in the cell is taken as
     the spot's: its pattern is the reference's, and drops out as far as the spot does not move.
     """
-    return measured(capture, partial(_ml, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
+    return measured(capture, partial(_ml, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search)
 
 
 def _neighbours(cells: Cells) -> npt.NDArray[np.int64]:
@@ -148,14 +148,16 @@ def _joint(cells: Cells, steps: int, rounds: int) -> Found:
     cites="R. W. M. Wedderburn, Biometrika 61:439, 1974 (quasi-maximum likelihood), all spots of a frame",
     joint=True,
 )
-def spot_joint(capture: xr.Dataset, *, rounds: int = 3, steps: int = 40, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_joint(
+    capture: xr.Dataset, *, rounds: int = 3, steps: int = 40, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """As `spot-ml`, with the light of the spots around taken off each cell: all are fitted in turn, `rounds` times.
 
     Intensities add: what neighbours' fields do to each other is not in the model. Returns spot, sigma [px], valid (frame, lenslet,
     axis), as `spot-centroid`.
     """
     method = partial(_joint, steps=max(int(steps), 1), rounds=max(int(rounds), 1))
-    return measured(capture, method, least_sigmas=least_sigmas)
+    return measured(capture, method, least_sigmas=least_sigmas, search=search)
 
 
 def _gaussian(cells: Cells, p: Float) -> tuple[Float, Float]:
@@ -193,10 +195,12 @@ def _gaussian_fit(cells: Cells, steps: int) -> Found:
 
 
 @estimator("centroid", cites="K. Levenberg 1944, D. Marquardt 1963: least squares of a Gaussian over pixels, per spot")
-def spot_gaussian(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_gaussian(
+    capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """Least squares of B + A ΔΦ((x − cx)/s) ΔΦ((y − cy)/s), all five free, to the pixels of a cell.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`; sigma from the noise of the pixels, not from the
     residuals.
     """
-    return measured(capture, partial(_gaussian_fit, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
+    return measured(capture, partial(_gaussian_fit, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search)

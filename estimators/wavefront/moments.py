@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.special import ndtr
 
 from ..registry import estimator
-from .cells import Cells, Found, measured
+from .cells import Cells, Found, Search, measured
 
 __all__ = [
     "spot_brightest", "spot_centroid", "spot_power", "spot_quad", "spot_threshold", "spot_weighted", "spot_window",
@@ -39,13 +39,13 @@ def _plain(cells: Cells) -> Found:
 
 
 @estimator("centroid", cites="Guo et al. 2017, Eq. 28-29 with α = 1: centre of gravity over the lenslet's cell")
-def spot_centroid(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_centroid(capture: xr.Dataset, *, least_sigmas: float = 5.0, search: Search = "cell") -> xr.Dataset:
     """c = Σ x z/Σ z over the pixels of a cell, z above the frame's background.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), relative to the reference, whose noise counts. Invalid where the
     brightest pixel is not `least_sigmas` above the background's noise, or where the cell holds a clipped or dead pixel.
     """
-    return measured(capture, _plain, least_sigmas=least_sigmas)
+    return measured(capture, _plain, least_sigmas=least_sigmas, search=search)
 
 
 def _above(cells: Cells, threshold: float, sigmas: float) -> Found:
@@ -58,13 +58,20 @@ def _above(cells: Cells, threshold: float, sigmas: float) -> Found:
 
 @estimator("centroid", cites="S. Thomas et al., MNRAS 371:323, 2006, sec. 3.1 (thresholded centre of gravity)")
 def spot_threshold(
-    capture: xr.Dataset, *, threshold: float = 0.1, sigmas: float = 3.0, least_sigmas: float = 5.0
+    capture: xr.Dataset,
+    *,
+    threshold: float = 0.1,
+    sigmas: float = 3.0,
+    least_sigmas: float = 5.0,
+    search: Search = "cell",
 ) -> xr.Dataset:
     """c = Σ x w/Σ w with w = z − T where z > T, T the larger of `threshold` · peak and `sigmas` standard deviations of the dark.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`.
     """
-    return measured(capture, partial(_above, threshold=threshold, sigmas=sigmas), least_sigmas=least_sigmas)
+    return measured(
+        capture, partial(_above, threshold=threshold, sigmas=sigmas), least_sigmas=least_sigmas, search=search
+    )
 
 
 def _around_peak(cells: Cells, reach: int) -> Found:
@@ -78,12 +85,14 @@ def _around_peak(cells: Cells, reach: int) -> Found:
 
 
 @estimator("centroid", cites="S. Thomas et al., MNRAS 371:323, 2006, sec. 3.1 (centre of gravity in a window)")
-def spot_window(capture: xr.Dataset, *, reach: int = 2, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_window(
+    capture: xr.Dataset, *, reach: int = 2, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """c = Σ x z/Σ z over the (2·`reach` + 1)² pixels around the brightest one, as far as they lie in the cell.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`.
     """
-    return measured(capture, partial(_around_peak, reach=max(int(reach), 1)), least_sigmas=least_sigmas)
+    return measured(capture, partial(_around_peak, reach=max(int(reach), 1)), least_sigmas=least_sigmas, search=search)
 
 
 def _weighted(cells: Cells, width: float, steps: int) -> Found:
@@ -117,12 +126,16 @@ def _weighted(cells: Cells, width: float, steps: int) -> Found:
     "centroid",
     cites="K. L. Baker and M. M. Moallem, Opt. Express 15:5147, 2007 (iteratively weighted centroiding)",
 )
-def spot_weighted(capture: xr.Dataset, *, width: float = 3.0, steps: int = 12, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_weighted(
+    capture: xr.Dataset, *, width: float = 3.0, steps: int = 12, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """c solves Σ z g(x − c)(x − c) = 0, g a Gaussian of `width` times the declared spot's, by Newton's method.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
     """
-    return measured(capture, partial(_weighted, width=width, steps=max(int(steps), 1)), least_sigmas=least_sigmas)
+    return measured(
+        capture, partial(_weighted, width=width, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search
+    )
 
 
 def _power(cells: Cells, alpha: float) -> Found:
@@ -133,13 +146,15 @@ def _power(cells: Cells, alpha: float) -> Found:
 
 
 @estimator("centroid", cites="Guo et al. 2017, Eq. 28-29 (power α of the intensity)")
-def spot_power(capture: xr.Dataset, *, alpha: float = 1.5, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_power(
+    capture: xr.Dataset, *, alpha: float = 1.5, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """c = Σ x z^α/Σ z^α over the cell, z above the background and 0 below it (Eq. 28 and 29).
 
     Free of aliasing where a pixel is at most λf/(αd). Returns spot, sigma [px], valid (frame, lenslet, axis), as
     `spot-centroid`; sigma to first order, which pixels of little light exceed.
     """
-    return measured(capture, partial(_power, alpha=alpha), least_sigmas=least_sigmas)
+    return measured(capture, partial(_power, alpha=alpha), least_sigmas=least_sigmas, search=search)
 
 
 def _brightest(cells: Cells, pixels: int) -> Found:
@@ -159,13 +174,15 @@ def _brightest(cells: Cells, pixels: int) -> Found:
 
 
 @estimator("centroid", cites="A. G. Basden et al., MNRAS 419:1628, 2012 (brightest pixel selection)")
-def spot_brightest(capture: xr.Dataset, *, pixels: int = 9, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_brightest(
+    capture: xr.Dataset, *, pixels: int = 9, least_sigmas: float = 5.0, search: Search = "cell"
+) -> xr.Dataset:
     """c = Σ x z/Σ z over the `pixels` brightest pixels of the cell.
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`; sigma holds that noise
     decides which pixels count.
     """
-    return measured(capture, partial(_brightest, pixels=max(int(pixels), 3)), least_sigmas=least_sigmas)
+    return measured(capture, partial(_brightest, pixels=max(int(pixels), 3)), least_sigmas=least_sigmas, search=search)
 
 
 def _quad(cells: Cells) -> Found:
@@ -191,10 +208,10 @@ def _quad(cells: Cells) -> Found:
 
 
 @estimator("centroid", cites="S. Thomas et al., MNRAS 371:323, 2006, sec. 3.2 (quad cell)")
-def spot_quad(capture: xr.Dataset, *, least_sigmas: float = 5.0) -> xr.Dataset:
+def spot_quad(capture: xr.Dataset, *, least_sigmas: float = 5.0, search: Search = "cell") -> xr.Dataset:
     """c = γ (right − left)/(right + left) of the cell's halves, 1/γ twice the height of the declared spot.
 
     Linear near the middle only: spots that move by more than half of their width are read short. Returns spot, sigma [px],
     valid (frame, lenslet, axis), as `spot-centroid`.
     """
-    return measured(capture, _quad, least_sigmas=least_sigmas)
+    return measured(capture, _quad, least_sigmas=least_sigmas, search=search)
