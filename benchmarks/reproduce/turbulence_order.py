@@ -93,8 +93,8 @@ def _sensor(across: int, modes: int) -> _Sensor:
     t = (np.arange(2 * across) + 0.5) / across - 1.0
     u, v = (a.ravel() for a in np.meshgrid(t, t))
     disc = np.hypot(u, v) <= 1.0
-    root = np.linalg.cholesky(covariance + 1e-9 * covariance[0, 0] * np.eye(len(covariance)))
-    return _Sensor(root, fit, np.linalg.cholesky(fit @ fit.T), zernike(noll, u[disc], v[disc]), len(centre))
+    root = np.asarray(np.linalg.cholesky(covariance + 1e-9 * covariance[0, 0] * np.eye(len(covariance))))
+    return _Sensor(root, fit, np.asarray(np.linalg.cholesky(fit @ fit.T)), zernike(noll, u[disc], v[disc]), len(centre))
 
 
 @lru_cache(maxsize=2)
