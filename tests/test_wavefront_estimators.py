@@ -271,9 +271,10 @@ def test_frames_of_several_channels_are_refused() -> None:
 @pytest.mark.parametrize("light", [1e-10, 2e-12])
 def test_the_compiled_centre_of_gravity_is_that_of_the_cells(light: float) -> None:
     """Clipped pixels, a lost spot and two levels of light; the kernel sums in another order: rounding only."""
-    scene = load_scene("gated-turbulence", {"rig.laser.pulse_energy_j": light, "rig.lenslets.across": 10, "rig.frames.count": 3,
-    scene = load_scene("gated-turbulence", {"rig.laser.pulse_energy_j": light, "rig.lenslets.across": 10,
-                                            "rig.frames.count": 3,
+    scene = load_scene("gated-turbulence", {
+        "rig.laser.pulse_energy_j": light, "rig.lenslets.across": 10, "rig.frames.count": 3, "rig.pupil.diameter_m": 1.5e-3,
+        "rig.camera.rows": 90, "rig.camera.cols": 92,
+    })  # fmt: skip
     capture = hide_truth(generate(scene, seed=1, fidelity="geometric"))
     counts = capture["counts"].values.copy()
     counts[0, 40:44, 44:50], counts[1, 44:54, 20:30] = 4095, 100
