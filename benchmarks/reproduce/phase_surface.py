@@ -17,7 +17,7 @@ WIDTH, HEIGHT = 400, 300
 _STEPS = 128
 _AZIMUTH, _ELEVATION = math.radians(30.0), math.radians(35.0)
 #: Pupil's radius, and the height of the greatest phase, in pixels.
-_RADIUS, _TALL = 165.0, 90.0
+_RADIUS, _TALL = 160.0, 68.0
 
 
 def phase_svg(phase: Float, greatest: float, title: str = "") -> str:
@@ -29,7 +29,7 @@ def phase_svg(phase: Float, greatest: float, title: str = "") -> str:
     near = x * s + y * c
     across = 0.5 * WIDTH + _RADIUS * (x * c - y * s)
     up = _TALL * np.clip(phase / greatest, -1.3, 1.3) * math.cos(_ELEVATION)
-    down = 0.55 * HEIGHT + _RADIUS * near * math.sin(_ELEVATION) - up
+    down = 0.5 * HEIGHT + _RADIUS * near * math.sin(_ELEVATION) - up
     corners = [np.s_[:-1, :-1], np.s_[:-1, 1:], np.s_[1:, 1:], np.s_[1:, :-1]]
     px, py, depth, z = (np.stack([a[c] for c in corners], axis=-1).reshape(-1, 4) for a in (across, down, near, phase))
     keep = np.isfinite(z).all(axis=1)
