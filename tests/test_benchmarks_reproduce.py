@@ -288,7 +288,8 @@ def test_the_table_has_every_item_and_its_verdict(done: Any, project: Path) -> N
         other = {r["item"]: r["verdict"] for r in csv.DictReader(file) if r["document"] == "001"}
     for item in (*pixel_patch.ITEMS, *tank.ITEMS, *roughness.ITEMS):
         assert other[item] == weakest(r.verdict for r in done.rows if r.item == item), item
-    wanted = [f"Eq. {n}" for n in range(1, 26)] + [f"Figure {n}" for n in range(1, 10)] + ["Table 1"]
+    wanted = [f"Eq. {n}" for n in range(1, 35)] + [f"Figure {n}" for n in range(1, 17)] + ["Table 1"]
+    wanted += ["Flow runs", "Phase in radians", "Peak-to-valley"]
     wanted = [item for item in wanted if covered[item] != "nothing-to-compute"]
     assert sorted(wanted) == sorted(ITEMS)
     by_item: dict[str, list[Any]] = {item: [] for item in (*ITEMS, *OTHERS)}
@@ -334,13 +335,17 @@ def test_the_files(done: Any) -> None:
         50.0,
         157.0,
         210.0,
+        0.002657,
+        0.1522,
+        0.011194,
+        0.6414,
     }  # as printed, and no others
     parquet = pd.read_parquet(done.out / "reproduction.parquet")
     assert list(parquet.columns) == list(COLUMNS) and len(parquet) == len(table)
     np.testing.assert_allclose(parquet["reproduced"], table["reproduced"], rtol=1e-5)
     page = done.page.read_text(encoding="utf-8")
     assert page.count("<section") == len(ITEMS) + len(OTHERS) and "http://" not in page and "https://" not in page
-    assert page.count("<img") == len(list((done.out / "pictures").glob("*.png"))) == 6 + 2 * 5
+    assert page.count("<img") == len(list((done.out / "pictures").glob("*.png"))) == 6 + 2 * 5 + 4
     for picture in (done.out / "pictures").glob("*.png"):
         assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and picture.stat().st_size > 1000
     assert json.loads((done.out / "run.json").read_text(encoding="utf-8"))["rows"] == len(table)

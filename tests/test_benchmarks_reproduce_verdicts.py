@@ -81,7 +81,7 @@ def test_a_direction_that_hangs_on_a_setting_is_undetermined() -> None:
 
 
 def test_rows_of_the_whole_table_claim_no_more_than_they_hold(rows: list[Row]) -> None:
-    assert len([r for r in rows if r.document == "000"]) < 60 and len(rows) < 110
+    assert len([r for r in rows if r.document == "000"]) < 80 and len(rows) < 130
     # A row that could not have failed is no row: nothing by construction, and one fit, which the text asks for.
     assert not [r for r in rows if r.verdict in ("by-construction", "predicted")]
     assert [(r.item, r.published) for r in rows if r.verdict == "fitted"] == [("Eq. 17", 8.894)]

@@ -16,6 +16,9 @@ from beambench.captures.hide import hide_truth
 from beambench.estimators import get_estimator, list_estimators, run_estimator
 from beambench.estimators.result import stage_result
 from beambench.estimators.rig import read_rig
+from beambench.estimators.wavefront.cells import measured
+from beambench.estimators.wavefront.moments import _plain
+from beambench.generator.generate import generate
 from beambench.optics.lenslets.gradients import mean_gradients, square
 from beambench.optics.zernike import zernike
 from beambench.scenes.errors import InputError
@@ -263,3 +266,21 @@ def test_frames_of_several_channels_are_refused() -> None:
     capture = hide_truth(written_capture(scene_of(1), 3000.0, 2.0, 0.0, seed=18))
     with pytest.raises(InputError, match="one channel"):
         run_estimator("spot-ml", capture.assign(counts=capture["counts"].expand_dims(channel=2, axis=3)))
+
+
+@pytest.mark.parametrize("light", [1e-10, 2e-12])
+def test_the_compiled_centre_of_gravity_is_that_of_the_cells(light: float) -> None:
+    """Clipped pixels, a lost spot and two levels of light; the kernel sums in another order: rounding only."""
+    scene = load_scene("gated-turbulence", {
+        "rig.laser.pulse_energy_j": light, "rig.lenslets.across": 10, "rig.frames.count": 3, "rig.pupil.diameter_m": 1.5e-3,
+        "rig.camera.rows": 90, "rig.camera.cols": 92,
+    })  # fmt: skip
+    capture = hide_truth(generate(scene, seed=1, fidelity="geometric"))
+    counts = capture["counts"].values.copy()
+    counts[0, 40:44, 44:50], counts[1, 44:54, 20:30] = 4095, 100
+    capture = capture.assign(counts=(capture["counts"].dims, counts))
+    one, other = (measured(capture, _plain, compiled=compiled) for compiled in (False, True))
+    assert 0 < (~one["valid"].values).sum() < one["valid"].size
+    np.testing.assert_array_equal(one["valid"].values, other["valid"].values)
+    for name in ("spot", "sigma"):
+        np.testing.assert_allclose(other[name].values, one[name].values, rtol=1e-9, atol=1e-11)

@@ -20,7 +20,7 @@ def reproduce(
     pictures: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
-    """Recompute the equations, figures and tables of Guo et al. 2017, sections 2 to 5, with a verdict on each.
+    """Recompute the equations, figures and tables of Guo et al. 2017, sections 2 to 6, with a verdict on each.
 
     Rows on the predicted range errors of Kusters 1992 follow.
 

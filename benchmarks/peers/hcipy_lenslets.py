@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.lenslets.coherent import Detector, Lenslet
-from ...optics.lenslets.lattice import cells_of_phase, regular_array
+from ...optics.lenslets.lattice import LensletArray, cells_of_phase, regular_array
 from ...optics.turbulence.screens import kolmogorov_screen
 
-__all__ = ["agreement", "our_frame", "peer_frame", "pupil_phase", "time_ratio"]
+__all__ = ["agreement", "array_of", "our_frame", "peer_frame", "pupil_phase", "time_ratio"]
 
 Float = NDArray[np.float64]
 
@@ -71,16 +71,21 @@ def peer_frame(lenslets: int, samples: int = SAMPLES) -> Callable[[Float], Float
     return frame
 
 
-def our_frame(lenslets: int, setting: tuple[int, int, int]) -> Callable[[Float], Float]:
-    """A function from the phase (16 samples a lenslet) to our light per pixel; means over cells and a plane fit per lenslet."""
+def array_of(lenslets: int, setting: tuple[int, int, int]) -> LensletArray:
+    """Our plan of `lenslets` × `lenslets` at a setting (cells, lattice points per pitch, neighbours), 8 × 8 pixels each."""
     cells, points, neighbours = setting
     pixel = PITCH_M / PIXELS
     first = -0.5 * (lenslets * PIXELS - 1) * pixel
     detector = Detector((lenslets * PIXELS,) * 2, pixel, (first, first))
-    array = regular_array(
+    return regular_array(
         Lenslet(PITCH_M, FOCAL_M, WAVELENGTH_M), (lenslets, lenslets), PITCH_M, detector, cells=cells, samples=points,
         neighbours=neighbours,
     )  # fmt: skip
+
+
+def our_frame(lenslets: int, setting: tuple[int, int, int]) -> Callable[[Float], Float]:
+    """A function from the phase (16 samples a lenslet) to our light per pixel; means over cells and a plane fit per lenslet."""
+    cells, array = setting[0], array_of(lenslets, setting)
 
     def frame(phase: Float) -> Float:
         return array.image(*cells_of_phase(phase, (lenslets, lenslets), cells, PITCH_M, WAVELENGTH_M))

@@ -16,11 +16,13 @@ from .rows import COLUMNS, DOCUMENTS, Row
 
 __all__ = ["ITEMS", "OTHERS", "WITHOUT_ROWS", "Reproduction", "all_rows", "reproduce", "to_csv"]
 
-#: Items of sections 2 to 5 of Guo et al. 2017 that can be computed, in their order. Figures 1 and 5 are diagrams.
+#: Items of Guo et al. 2017 that can be computed, in their order. Figures 1, 5, 10 and 12 are diagrams.
 ITEMS = (
     *(f"Eq. {n}" for n in range(1, 7)), "Figure 2", "Figure 3", "Figure 4",
     *(f"Eq. {n}" for n in range(7, 14)), "Figure 6", "Figure 7",
     *(f"Eq. {n}" for n in range(14, 26)), "Figure 8", "Figure 9", "Table 1",
+    "Eq. 26", "Figure 11", *(f"Eq. {n}" for n in range(27, 35)), *(f"Figure {n}" for n in range(13, 17)),
+    "Flow runs", "Phase in radians", "Peak-to-valley",
 )  # fmt: skip
 
 #: Items without a row, and why: a row must be able to fail. All are implemented and tested (docs/coverage.csv).
@@ -42,6 +44,9 @@ WITHOUT_ROWS = {
     "Eq. 21": "Eq. 20 with its integrals done",
     "Figure 8": "shapes and reflectivities of the objects below are ours, so nothing can be compared",
     "Figure 9": "shapes, reflectivities and rig of the objects below are ours, so nothing can be compared",
+    "Figure 11": "a diagram of Eq. 27",
+    "Eq. 29": "Eq. 28 along y",
+    "Eq. 31": "a definition; used in the rows of Eq. 32",
 }
 
 #: Items of other sources, and of Kusters 1992, which follow.
@@ -82,6 +87,7 @@ def all_rows(say: Progress | None = None, only: str | None = None) -> list[Row]:
     from .table_1 import table_1_rows
     from .tank import tank_rows
     from .triangular import triangular_rows
+    from .turbulence import turbulence_rows
 
     kusters: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("Kusters 1992, chapter 3: predicted range errors", pixel_patch_rows),
@@ -96,6 +102,7 @@ def all_rows(say: Progress | None = None, only: str | None = None) -> list[Row]:
         ("Eq. 12, Figure 6: illumination", illumination_rows),
         ("Eq. 16, 17, 25: accuracy", accuracy_rows), ("Table 1: its readings over plausible rigs", table_1_rows),
         ("Eq. 23 and 24: generated stacks", model_rows),
+        ("Eq. 26-34, Figures 13 to 16: the gated sensor of wave slopes", turbulence_rows),
         ("AO 52:7399: triangular against trapezoidal profiles", triangular_rows),
     )  # fmt: skip
     parts = {None: (*parts, *kusters), "000": parts, "001": kusters}[only]
@@ -157,11 +164,12 @@ def reproduce(
 
         from .charts import chart_svgs
         from .surface_picture import object_pictures
+        from .turbulence_frames import turbulence_pictures
 
         if say is not None:
             say("charts and pictures")
         charts = {item: vlc.svg_to_png(svg, scale=1.5) for item, svg in chart_svgs().items()}
-        objects = object_pictures()
+        objects = object_pictures() | turbulence_pictures()
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / "reproduction.csv", to_csv(rows))
     write_atomic(out / "reproduction.parquet", lambda path: _write_parquet(path, rows))

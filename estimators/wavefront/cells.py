@@ -237,11 +237,14 @@ def check_frames(capture: xr.Dataset) -> tuple[DeclaredRig, npt.NDArray[Any], np
     return rig, counts, reference
 
 
-def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0, search: Search = "cell") -> xr.Dataset:
+def measured(
+    capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0, search: Search = "cell", compiled: bool = False
+) -> xr.Dataset:
     """The result of the stage `centroid`: spots [px] (frame, lenslet, axis), axis 0 along columns.
 
     Other arguments:
         search: "field": spots are looked for in the whole frame, and a cell is laid about that of each lenslet.
+        compiled: `method` is the plain centre of gravity; images are read by its kernel, without an array per cell.
 
     Raises InputError as `check_frames`, for a reference without spots, and for one whose spots do not lie where the rig declares
     them.
@@ -252,11 +255,15 @@ def measured(capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0, 
     geometry = declared_geometry(rig)
 
     def found(images: npt.NDArray[Any], exposures: int) -> Found:
-        cells = cells_of(images, rig, exposures=exposures, least_sigmas=least_sigmas)
-        one = method(cells)
+        if compiled:
+            one = _gravity(images, rig, exposures, least_sigmas)
+        else:
+            cells = cells_of(images, rig, exposures=exposures, least_sigmas=least_sigmas)
+            one = method(cells)
+            one = Found(one.position, one.variance, one.good & cells.sound)
         with np.errstate(invalid="ignore"):
             near = (np.abs(one.position) <= 0.5 * geometry.pitch_px).all(axis=1)
-        return Found(one.position, one.variance, one.good & cells.sound & near)
+        return Found(one.position, one.variance, one.good & near)
 
     origin = found(reference[None], rig.whole("reference.exposures"))
     lock = _locking(cells_of(reference[None], rig), method)
@@ -298,6 +305,20 @@ def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sig
     with np.errstate(invalid="ignore"):
         near = (np.abs(one.position) <= 0.5 * width).all(axis=1)
     return Found(one.position + shift, one.variance, one.good & cells.sound & near & held)
+
+
+def _gravity(images: npt.NDArray[Any], rig: DeclaredRig, exposures: int, least_sigmas: float) -> Found:
+    """Centres of gravity of the cells of images (image, rows, cols) [DN]."""
+    from .moment_kernel import centres_of_gravity
+
+    geometry, scale = declared_geometry(rig), Scale.of(rig)
+    half = 0.5 * geometry.pitch_px
+    position, variance, good, sound = centres_of_gravity(
+        images, geometry.place_px, half, min(_CORNER * geometry.pitch_px, half - 0.51), _gather(rig, *images.shape[1:]).whole,
+        (scale.offset_dn, scale.dn_per_e, scale.dead_dn, scale.top_dn), scale.floor_e2 / exposures, scale.excess / exposures,
+        least_sigmas,
+    )  # fmt: skip
+    return Found(position, variance, good & sound)
 
 
 def _locking(cells: Cells, method: Method) -> Float:

@@ -45,7 +45,7 @@ def spot_centroid(capture: xr.Dataset, *, least_sigmas: float = 5.0, search: Sea
     Returns spot, sigma [px], valid (frame, lenslet, axis), relative to the reference, whose noise counts. Invalid where the
     brightest pixel is not `least_sigmas` above the background's noise, or where the cell holds a clipped or dead pixel.
     """
-    return measured(capture, _plain, least_sigmas=least_sigmas, search=search)
+    return measured(capture, _plain, least_sigmas=least_sigmas, search=search, compiled=True)
 
 
 def _above(cells: Cells, threshold: float, sigmas: float) -> Found:
