@@ -43,7 +43,7 @@ def surfaces(capture: xr.Dataset) -> str:
 
 
 def spot_field(capture: xr.Dataset) -> str:
-    """Part of the first frame by the root of its light, and the slopes that were read, 15 times longer, from the declared places."""
+    """Part of the first frame by the root of its light, and the slopes that were read, 15 times longer."""
     rig = read_rig(capture, "wavefront")
     slope = run_estimator("spot-ml+slope-cell", hide_truth(capture))
     col, row = (rig.numbers(f"lenslets.{name}") for name in ("col_px", "row_px"))

@@ -36,6 +36,8 @@ SETTINGS = {
     "13": tuple((40.0, float(r)) for r in (1, 2, 3, 4)),
     "15": tuple((float(flow), 4.0) for flow in (10, 20, 30, 40)),
 }
+#: Width of the gate [s], its middle on the echo.
+_GATE_S = 10e-9
 #: Pixels of the part of a spot field that is shown: 8 lenslets.
 _SHOWN = 68
 
@@ -48,12 +50,12 @@ def flow_capture(
              "tilt_x_deg": 0.0, "tilt_y_deg": 0.0}  # fmt: skip
     wanted: dict[str, Any] = {
         "target": [{"name": "mirror", "shape": place, "material": {"kind": "lambert", "albedo": 0.25}}],
-        "rig.turbulence": {"kind": "flow", "flow_l_per_min": flow_l_per_min}, "rig.frames.count": frames, **changes,
+        "rig.turbulence": {"kind": "flow", "flow_l_per_min": flow_l_per_min}, "rig.frames.count": frames, "rig.gate.width_s": _GATE_S, **changes,
     }  # fmt: skip
     scene = load_scene("gated-turbulence", wanted)
     rig = wavefront_rig(scene)
     echo = echo_delay_s(rig, range_m, group_index(scene.medium, rig.wavelength_m))
-    scene = load_scene("gated-turbulence", wanted | {"rig.frames.start_s": echo - 0.5 * rig.gate.width_s})
+    scene = load_scene("gated-turbulence", wanted | {"rig.frames.start_s": echo - 0.5 * _GATE_S})
     with warnings.catch_warnings():
         # That scintillation is left out stands in the captions.
         warnings.simplefilter("ignore", GenerationWarning)

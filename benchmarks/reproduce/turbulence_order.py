@@ -89,7 +89,7 @@ def _sensor(across: int, modes: int) -> _Sensor:
     covariance = 4.0 * gradient_covariance(lambda d: kolmogorov_structure(d, 1.0), centre, PITCH_M) / k**2
     noll = range(2, modes + 1)
     slope = mean_gradients(noll, centre, square(PITCH_M), radius).reshape(-1, modes - 1) / k
-    fit = np.linalg.pinv(slope)
+    fit: Float = np.asarray(np.linalg.pinv(slope), np.float64)
     t = (np.arange(2 * across) + 0.5) / across - 1.0
     u, v = (a.ravel() for a in np.meshgrid(t, t))
     disc = np.hypot(u, v) <= 1.0
