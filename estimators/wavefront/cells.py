@@ -314,7 +314,8 @@ def _gravity(images: npt.NDArray[Any], rig: DeclaredRig, exposures: int, least_s
     geometry, scale = declared_geometry(rig), Scale.of(rig)
     half = 0.5 * geometry.pitch_px
     position, variance, good, sound = centres_of_gravity(
-        images, geometry.place_px, half, min(_CORNER * geometry.pitch_px, half - 0.51), _declared_gather(rig, *images.shape[1:]).whole,
+        images, geometry.place_px, half, min(_CORNER * geometry.pitch_px, half - 0.51),
+        _declared_gather(rig, *images.shape[1:]).whole,
         (scale.offset_dn, scale.dn_per_e, scale.dead_dn, scale.top_dn), scale.floor_e2 / exposures, scale.excess / exposures,
         least_sigmas,
     )  # fmt: skip
