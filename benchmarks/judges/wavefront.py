@@ -13,6 +13,7 @@ from ..bounds.instrument import true_scene
 from ..bounds.wavefront import wavefront_bounds
 from ..scores.truth import Truth
 from .judge import Judge
+from .wavefront_reference import reference_calibration
 
 __all__ = ["JUDGE"]
 
@@ -45,6 +46,7 @@ def _place(capture: xr.Dataset, slope: np.ndarray) -> np.ndarray:
 JUDGE = Judge(
     truth=_truth,
     bound=wavefront_bounds,
+    calibrate=reference_calibration,
     neighbours=("spot-ml", "spot-centroid", "spot-gaussian"),
     scenes=("gated-turbulence",),
     feeders={"assignment": "spot-ml", "reconstruction": "spot-ml+slope-cell"},

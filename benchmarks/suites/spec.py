@@ -104,6 +104,7 @@ class Calibration(Spec):
         pulse_photoelectrons: total number recorded of the pulse.
         gate_photoelectrons: number recorded per delay step with the gate open.
         corner_sigma_px, line_sigma_px: standard errors of a corner of a board, and of a laser line on it.
+        spot_photoelectrons: number recorded of each spot of a reference, all its exposures together.
     Other arguments:
         seed: random seed of the calibration noise, in addition to the seed of the capture: each scene and seed has its own
         calibration, and another value here changes all of them.
@@ -113,6 +114,7 @@ class Calibration(Spec):
     gate_photoelectrons: Positive | None = None
     corner_sigma_px: Positive | None = None
     line_sigma_px: Positive | None = None
+    spot_photoelectrons: Positive | None = None
     seed: Seed = 0
 
     @model_serializer(mode="wrap")

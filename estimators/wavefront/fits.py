@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from ..registry import estimator
 from .cells import Cells, Found, Search, first_guess, measured
 
-__all__ = ["spot_gaussian", "spot_joint", "spot_ml"]
+__all__ = ["joint_positions", "spot_gaussian", "spot_joint", "spot_ml"]
 
 Float = npt.NDArray[np.float64]
 #: Distance [pitches] up to which a spot's light is taken off other cells.
@@ -131,7 +131,8 @@ def _light_of_others(cells: Cells, near: npt.NDArray[np.int64], found: Found, li
     return np.asarray(total.reshape(cells.z.shape) * cells.inside)
 
 
-def _joint(cells: Cells, steps: int, rounds: int) -> Found:
+def joint_positions(cells: Cells, steps: int = 40, rounds: int = 3) -> Found:
+    """Positions [px] from the declared places, by `spot_joint`'s method: also of an image that no reference is taken off."""
     found, light = _fit_declared(cells, np.zeros_like(cells.z), first_guess(cells), steps)
     if cells.alone:
         return found
@@ -156,7 +157,7 @@ def spot_joint(
     Intensities add: what neighbours' fields do to each other is not in the model. Returns spot, sigma [px], valid (frame, lenslet,
     axis), as `spot-centroid`.
     """
-    method = partial(_joint, steps=max(int(steps), 1), rounds=max(int(rounds), 1))
+    method = partial(joint_positions, steps=max(int(steps), 1), rounds=max(int(rounds), 1))
     return measured(capture, method, least_sigmas=least_sigmas, search=search)
 
 
