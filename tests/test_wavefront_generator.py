@@ -29,7 +29,9 @@ from beambench.scenes.rigs.wavefront_turbulence import Flow, layers_of
 RUNGS = ("geometric", "isolated", "coherent")
 C = 299792458.0
 STILL = {"rig.turbulence": {"kind": "none"}}
-SMALL: dict[str, Any] = {
+#: Light of phase screens is even: what propagation makes of it is tested in test_wavefront_propagation.py.
+SCREENS = {"rig.propagation": "phase-screens"}
+SMALL: dict[str, Any] = SCREENS | {
     "rig.lenslets.across": 6, "rig.pupil.diameter_m": 0.8e-3, "rig.pupil.modes": 10, "rig.camera.rows": 72, "rig.camera.cols": 72,
     "rig.frames.count": 1, "rig.frames.reference_exposures": 1,
 }  # fmt: skip
@@ -138,7 +140,8 @@ def test_the_gate_selects_the_mirror_and_the_phase_gathers_up_to_it() -> None:
                     "kind": "rectangle", "center_m": [0.0, 0.0, z], "width_m": 0.1, "height_m": 0.1, "tilt_x_deg": 0.0,
                     "tilt_y_deg": 0.0}} for z in (2.0, 4.0)
             ],
-            "medium.absorption_per_m": 0.0, "rig.frames.count": 2, "rig.frames.start_s": 15.12e-9, "rig.frames.step_s": 18.08e-9,
+            **SCREENS, "medium.absorption_per_m": 0.0, "rig.frames.count": 2,
+            "rig.frames.start_s": 15.12e-9, "rig.frames.step_s": 18.08e-9,
         },
     )  # fmt: skip
     capture = generate(scene, seed=2)
@@ -160,7 +163,7 @@ def test_a_frozen_flow_moves_the_wavefront() -> None:
     """A velocity of one lenslet per frame along x: what a lenslet saw, its neighbour at greater x sees in the next frame."""
     layers = [{"range_m": 3.0, "r0_m": 2.5e-3, "velocity_m_per_s": [1.5e-3, 0.0]}]
     change = {"rig.frames.count": 2, "rig.pupil.shape": "square", "rig.pupil.diameter_m": 1.5e-3}
-    scene = load_scene("gated-turbulence", {"rig.turbulence": {"kind": "layers", "layers": layers}, **change})
+    scene = load_scene("gated-turbulence", SCREENS | {"rig.turbulence": {"kind": "layers", "layers": layers}, **change})
     capture = generate(scene, seed=3)
     lattice = lattice_of(wavefront_rig(scene))
     slope = np.full((2, 20, 20, 2), np.nan)

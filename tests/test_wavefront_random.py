@@ -80,6 +80,8 @@ def _changes(seed: int) -> dict[str, Any]:
             "least_fill": float(rng.uniform(0.3, 1)), "samples": int(rng.integers(2, 9)), "modes": modes,
         },
         "rig.bench.beam_diameter_m": 1.5 * across * pitch, "rig.bench.magnification": float(rng.uniform(0.2, 2)),
+        # One in six scintillates: its screens are wider, and take most of the time.
+        "rig.propagation": "split-step" if seed % 6 == 5 else "phase-screens",
         "rig.aberration": aberration if rng.random() < 0.5 else None, "target.0.shape.width_m": 1.0, "target.0.shape.height_m": 1.0,
         "rig.laser.pulse_energy_j": float(10 ** rng.uniform(-13, -7)), "rig.laser.energy_fluctuation": 0.1,
         "rig.laser.jitter_frame_s": 1e-9, "rig.frames.start_s": float(2 * 1.36 * far / 3e8 + rng.uniform(-2e-8, 1e-8)),
@@ -103,7 +105,9 @@ def _check(seed: int) -> bool:
         try:
             capture = generate(scene, seed=seed, fidelity=rung, truth_electrons=True)
         except InputError as error:
-            assert "half a turn" in error.what or "not independent" in error.what, error
+            assert any(word in error.what for word in ("half a turn", "not independent", "spreads over too many")), (
+                error
+            )
             return False
         again = generate(scene, seed=seed, fidelity=rung)
     assert np.array_equal(capture["counts"], again["counts"]) and np.array_equal(

@@ -59,7 +59,9 @@ def wavefront_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
         [spot_sigma(rig, place + s / per_px, f, b) ** 2 for s, f, b in zip(slope, flux, level, strict=True)]
     )
     best = int(np.argmax(flux.sum(axis=1)))  # the frame in whose light the reference is taken
-    variance += spot_sigma(rig, place, flux[best], float(level[best])) ** 2 / rig.frames.reference_exposures
+    # The reference is a flat wave's: where the water scintillates, its even light is taken as the mean of the lenslets.
+    even = flux[best] if np.ptp(flux[best]) == 0.0 else np.full(len(place), flux[best].mean())
+    variance += spot_sigma(rig, place, even, float(level[best])) ** 2 / rig.frames.reference_exposures
     sigma = np.where(np.isfinite(slope), np.sqrt(variance), np.nan)
     kind = "exact" if _plain(capture, rig) and _settled(sigma, slope / per_px) else "quasi"
     width, pitch = spot_px(rig), rig.lenslets.pitch_m / rig.camera.pixel_pitch_m

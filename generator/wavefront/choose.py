@@ -29,7 +29,7 @@ def choose(scene: Scene, request: Request) -> Choice:
     """The cheapest rung whose image differs from that of `coherent` by less than `rtol` of its root mean square; with "noise", by
     less than the noise of a spot's brightest pixel.
 
-    The difference is that of the pilot: blur within lenslets, and interference between them. Scintillation is left out by all.
+    The difference is that of the pilot: blur within lenslets, and interference between them. Scintillation is left out of it.
 
     Raises:
         InputError: an array turned against its pixels by more than 2°, whose fields no rung models.

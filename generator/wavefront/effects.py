@@ -21,6 +21,7 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
     index = irradiance_index(sensed.rytov)
     cells, error = sensed.cells
     finer = [effect("phase finer than a lenslet's cells", False, error, f"a pilot with finer cells; {cells} a side")]
+    moved = f"rms of a point's irradiance; Rytov's variance {sensed.rytov:.2g}"
     blur = float(-np.expm1(-(sensed.spread_rad**2)))
     listed = [
         effect("mean slope of each lenslet", True, 1.0, "spots moved by f times the slope"),
@@ -28,7 +29,7 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
         effect("spots blurred by the phase within a lenslet", fields, blur, "1 − e^(−σ²), σ the phase's rms about its plane"),
         effect("light of neighbouring lenslets", True, None, "intensities added" if rung != "coherent" else "fields added"),
         effect("interference of neighbouring lenslets", rung == "coherent", None, "depends on the pistons of neighbours"),
-        effect("scintillation", False, index**0.5, f"rms of a point's irradiance; Rytov's variance {sensed.rytov:.2g}"),
+        effect("scintillation", rig.propagation == "split-step", index**0.5, moved),
         effect("beam attenuation", True, None, "e^(−2cr)"),
         effect("scattered light in the gate", scene.medium.scattering_per_m > 0, None, "single scatter, even over the image"),
         effect("photon noise", True, None, "Poisson"),

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...optics.reconstruction.unwrapped import least_squares_phase
 from ...scenes.errors import InputError
+from ...scenes.medium_index import phase_index
 from ...scenes.rigs.wavefront import wavefront_rig
 from ...scenes.rigs.wavefront_geometry import Lattice, lattice_of
 from ...scenes.rigs.wavefront_spec import WavefrontRig
@@ -20,9 +22,10 @@ from ..request import Request
 from .cells import cells_for
 from .field import Pupils
 from .light import coordinates, echoes, pedestal, reflectors
+from .propagated import Waves
 from .scintillation import rytov_of
 from .spots import spot_image
-from .truth import Projector, slopes
+from .truth import Projector, irradiances, slopes
 
 __all__ = ["Sensed", "expect", "read"]
 
@@ -63,19 +66,22 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
     farthest = max(ranges, default=0.0)
     rytov = rytov_of(rig, farthest, scene.medium)
     cells = _cells(rig, farthest, request)
+    waves = Waves(rig, pupils, rig.wavelength_m / phase_index(scene.medium, rig.wavelength_m))
     for frame in range(rig.frames.count):
         image = np.full(shape[1:], level[frame])
+        light = np.zeros(lattice.row.size)
         main = int(np.argmax(per_lenslet[frame]))
         for number, at in enumerate(ranges):
             if per_lenslet[frame, number] <= 0.0 and number != main:
                 continue
-            phase = pupils.phase(frame, at)
-            field = np.exp(1j * phase)
+            field, phase = waves.at(frame, at)
             if per_lenslet[frame, number] > 0.0:
                 image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung, cells=cells[0])
             _refuse_coarse(scene, phase, lattice)
+            light = light + per_lenslet[frame, number] * irradiances(field, lattice, rig.pupil.samples)
             if number == main:
-                truth.add(field, phase, float(per_lenslet[frame].sum()))
+                truth.add(field, phase, even=waves.even(at))
+        truth.lit(light)
         electrons[frame] = image
     flat = np.ones((len(lattice.grid_m) + 2,) * 2, complex)
     # The reference is taken through the gate at the delay that lets most light through.
@@ -123,15 +129,20 @@ class _Truth:
         self._held: dict[str, list[Any]] = {name: [] for name in ("field", "slope", "phase", "zernike", "flux")}
         self.spread = 0.0
 
-    def add(self, field: NDArray[np.complex128], phase: Float, flux: float) -> None:
-        inner = phase[1:-1, 1:-1]
+    def add(self, field: NDArray[np.complex128], screens: Float, *, even: bool) -> None:
+        """The main reflector's light; of `even` light the phase is that of the screens, of other light that of the field."""
         held, lattice, samples = self._held, self._lattice, self._rig.pupil.samples
-        held["field"].append(np.where(lattice.mask, field[1:-1, 1:-1], 0.0).astype(np.complex64))
+        own = field[1:-1, 1:-1]
+        phase = screens[1:-1, 1:-1] if even else least_squares_phase(own, lattice.mask)
+        held["field"].append(np.where(lattice.mask, own, 0.0).astype(np.complex64))
         held["slope"].append(slopes(field, lattice, samples, self._rig.wavelength_m))
-        held["phase"].append(self._projector.shown(inner))
-        held["zernike"].append(self._projector.coefficients(inner))
-        held["flux"].append(np.full(lattice.row.size, flux))
-        self.spread = max(self.spread, _spread(inner, lattice, samples))
+        held["phase"].append(self._projector.shown(phase))
+        held["zernike"].append(self._projector.coefficients(phase))
+        self.spread = max(self.spread, _spread(screens[1:-1, 1:-1], lattice, samples))
+
+    def lit(self, light: Float) -> None:
+        """Photoelectrons (lenslet) of all reflectors."""
+        self._held["flux"].append(light)
 
     def arrays(self) -> dict[str, Any]:
         """{variable: (frame, …)}."""

@@ -6,6 +6,8 @@ diffuse target passes them once, as a spherical wave: on its way from z to the a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,21 @@ class Pupils:
         self._moving = any(layer.velocity_m_per_s is not None for layer in self._layers)
 
     @property
+    def fixed(self) -> Float:
+        """Phase [rad] (side + 2, side + 2) that is the same in every frame."""
+        return self._fixed
+
+    @property
+    def step_m(self) -> float:
+        """Distance of samples in the water."""
+        return self._step
+
+    @property
+    def mirror(self) -> bool:
+        """Whether the light passes all layers twice."""
+        return self._rig.reflection == "mirror"
+
+    @property
     def layers(self) -> tuple[Layer, ...]:
         """The layers, nearest first."""
         return self._layers
@@ -48,25 +65,29 @@ class Pupils:
 
     def phase(self, frame: int, range_m: float) -> Float:
         """Phase [rad] (side + 2, side + 2) of a frame's light from a reflector at `range_m`."""
-        mirror = self._rig.reflection == "mirror"
         total = self._fixed.copy()
+        for _, own in self.screens(frame, range_m, self._side):
+            total += (2.0 if self.mirror else 1.0) * own
+        return total
+
+    def screens(self, frame: int, range_m: float, side: int) -> Iterator[tuple[Layer, Float]]:
+        """The layers before a reflector, nearest first, with the phase [rad] (side, side) that one pass adds to its light."""
         for number, layer in enumerate(self._layers):
             if layer.range_m > range_m + _TOUCHING_M:
                 continue
-            shrink = 1.0 if mirror else max(1.0 - layer.range_m / range_m, 0.0)
+            shrink = 1.0 if self.mirror else max(1.0 - layer.range_m / range_m, 0.0)
             if shrink == 0.0:
                 continue  # in the target's plane, where it moves the light as a whole
-            total += (2.0 if mirror else 1.0) * self._screen(frame, number, layer, self._step * shrink)
-        return total
+            yield layer, self._screen(frame, number, layer, self._step * shrink, side)
 
-    def _screen(self, frame: int, number: int, layer: Layer, step_m: float) -> Float:
+    def _screen(self, frame: int, number: int, layer: Layer, step_m: float, side: int) -> Float:
         if not self._moving:
             rng = generator(self._seed, self._key, Stage.SCREEN, frame * _MOST_LAYERS + number)
-            return screen(self._side, step_m, layer.r0_m, layer.outer_scale_m, rng)
+            return screen(side, step_m, layer.r0_m, layer.outer_scale_m, rng)
         rng = generator(self._seed, self._key, Stage.SCREEN, number)
         series = self._rig.frames
         moved = np.outer(series.interval_s * np.arange(series.count), layer.velocity_m_per_s or (0.0, 0.0))
-        return flowing(self._side, step_m, layer.r0_m, layer.outer_scale_m, moved, frame, rng)
+        return flowing(side, step_m, layer.r0_m, layer.outer_scale_m, moved, frame, rng)
 
 
 def _aberration(rig: WavefrontRig, lattice: Lattice) -> Float:

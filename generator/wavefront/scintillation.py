@@ -1,4 +1,4 @@
-"""How much the light would scintillate, which no rung models: phase screens in the pupil leave it out."""
+"""How much the light scintillates, which phase screens in the pupil leave out and split-step propagation models."""
 
 from __future__ import annotations
 

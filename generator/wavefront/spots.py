@@ -14,7 +14,7 @@ from ...optics.lenslets.spots import isolated_image
 from ...scenes.rigs.wavefront_geometry import Lattice, spot_px
 from ...scenes.rigs.wavefront_spec import WavefrontRig
 from .fields import coarser, lenslet_light
-from .truth import slopes
+from .truth import irradiances, slopes
 
 __all__ = ["spot_image"]
 
@@ -33,7 +33,8 @@ def spot_image(
         per_rad = rig.lenslets.focal_length_m / rig.camera.pixel_pitch_m
         at = np.stack([lattice.col_px, lattice.row_px], axis=1) + per_rad * tilt
         shape = (rig.camera.rows, rig.camera.cols)
-        return isolated_image(at[:, 0], at[:, 1], np.full(len(at), flux), spot_px(rig), shape)
+        light = flux * irradiances(field, lattice, rig.pupil.samples)
+        return isolated_image(at[:, 0], at[:, 1], light, spot_px(rig), shape)
     lenslet = Lenslet(rig.lenslets.fill * rig.lenslets.pitch_m, rig.lenslets.focal_length_m, rig.wavelength_m)
     samples = coarser(_residual(rig, lattice, field, tilt), cells or rig.pupil.samples)
     camera, pitch = rig.camera, rig.lenslets.pitch_m

@@ -1,7 +1,8 @@
 """The truth of a frame: slopes averaged over lenslets, the phase, and its Zernike coefficients.
 
 Slope of lenslet l: Im∫u*∇u dA/(k∫|u|² dA) over its clear square. With increments arg(u_b u_a*) between neighbouring samples the
-mean of the two beside each sample takes the place of Im(u*∇u)/|u|²: exact for fields of even light.
+mean of the two beside each sample takes the place of Im(u*∇u)/|u|²: exact for fields of even light, and of second order in the
+distance of samples otherwise.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from ...optics.zernike import zernike
 from ...scenes.errors import InputError
 from ...scenes.rigs.wavefront_geometry import Lattice
 
-__all__ = ["Projector", "slopes"]
+__all__ = ["Projector", "irradiances", "slopes"]
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -46,6 +47,16 @@ def slopes(field: Complex, lattice: Lattice, samples: int, wavelength_m: float) 
     return np.stack([c * own[0] - s * own[1], s * own[0] + c * own[1]], axis=1)
 
 
+def irradiances(field: Complex, lattice: Lattice, samples: int) -> Float:
+    """Mean of |u|² (lenslet) over each clear square, of a field (side + 2, side + 2); 0 where no sample is clear."""
+    across = len(lattice.grid_m) // samples
+    tiles = (across, samples, across, samples)
+    power = (np.abs(field[1:-1, 1:-1]) ** 2 * lattice.open).reshape(tiles).sum(axis=(1, 3))
+    clear = np.maximum(lattice.open.reshape(tiles).sum(axis=(1, 3)), 1)
+    # A wave of even light has exactly 1: what lies below 1e-12 is rounding.
+    return np.asarray(np.round((power / clear)[lattice.row, lattice.col], 12))
+
+
 class Projector:
     """Least squares of Zernike coefficients over the samples inside the pupil."""
 
@@ -64,9 +75,15 @@ class Projector:
         self._gram = np.linalg.inv(gram)
 
     def coefficients(self, phase: Float) -> Float:
-        """Coefficients [rad rms] (mode), Noll's index from 2, of a phase (side, side)."""
-        return np.asarray(self._gram @ (self._values @ phase[self.mask]))[1:]
+        """Coefficients [rad rms] (mode), Noll's index from 2, of a phase (side, side), whose samples of NaN do not count."""
+        values, own = phase[self.mask], self._values
+        good = np.isfinite(values)
+        if good.all():
+            return np.asarray(self._gram @ (own @ values))[1:]
+        # The few samples at branch points leave the condition as it is.
+        own, values = own[:, good], values[good]
+        return np.asarray(np.linalg.solve(own @ own.T, own @ values))[1:]
 
     def shown(self, phase: Float) -> Float:
         """The phase without its mean over the pupil, NaN outside."""
-        return np.asarray(np.where(self.mask, phase - phase[self.mask].mean(), np.nan))
+        return np.asarray(np.where(self.mask, phase - np.nanmean(phase[self.mask]), np.nan))

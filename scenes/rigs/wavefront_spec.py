@@ -16,7 +16,7 @@ from .wavefront_turbulence import Aberration, Turbulence
 __all__ = ["WavefrontRig"]
 
 #: Absent options are left out of the data.
-_OPTIONAL = ("aberration",)
+_OPTIONAL = ("aberration", "propagation")
 
 
 class WavefrontRig(RigSpec):
@@ -25,7 +25,9 @@ class WavefrontRig(RigSpec):
     The reflectors are the scene's target, flat and square to the beam; `reflection` says what they return: "mirror", the beam
     itself, so that the phase of the way out doubles on the way back, or "diffuse", light from a spot on the target, whose phase
     is that of the way back. Speckle is not modelled: it is taken as averaged away.
-    `turbulence` lies in the water and is not declared. `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
+    `turbulence` lies in the water and is not declared. `propagation`: "phase-screens" adds the phases of all layers in the pupil,
+    and lenslets are lit evenly; "split-step" propagates the field between layers, and light scintillates. Files of before this
+    choice do not have it and mean phase screens. `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
     """
 
     kind: Literal["wavefront"] = "wavefront"
@@ -40,6 +42,7 @@ class WavefrontRig(RigSpec):
     reflection: Literal["mirror", "diffuse"]
     turbulence: Turbulence
     aberration: Aberration | None = None
+    propagation: Literal["phase-screens", "split-step"] | None = None
     ambient_e_per_s: Rate
     t0_s: MomentTime
 
