@@ -48,7 +48,8 @@ def flow_capture(
              "tilt_x_deg": 0.0, "tilt_y_deg": 0.0}  # fmt: skip
     wanted: dict[str, Any] = {
         "target": [{"name": "mirror", "shape": place, "material": {"kind": "lambert", "albedo": 0.25}}],
-        "rig.turbulence": {"kind": "flow", "flow_l_per_min": flow_l_per_min}, "rig.frames.count": frames, **changes,
+        "rig.turbulence": {"kind": "flow", "flow_l_per_min": flow_l_per_min}, "rig.frames.count": frames,
+        "rig.propagation": "phase-screens", **changes,
     }  # fmt: skip
     scene = load_scene("gated-turbulence", wanted)
     rig = wavefront_rig(scene)
