@@ -79,7 +79,9 @@ def main(run: Path | None) -> None:
     folder = Path(__file__).parent / "pictures"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that scintillation is left out stands on the page
-        capture = generate(load_scene("gated-turbulence"), seed=1, fidelity="coherent")
+        capture = generate(
+            load_scene("gated-turbulence", {"rig.propagation": "phase-screens"}), seed=1, fidelity="coherent"
+        )
     (folder / "wavefront-surfaces.png").write_bytes(vlc.svg_to_png(surfaces(capture), scale=0.9))
     (folder / "wavefront-spots.png").write_bytes(vlc.svg_to_png(spot_field(capture), scale=1.0))
     if run is not None:

@@ -51,7 +51,7 @@ def flow_capture(
     wanted: dict[str, Any] = {
         "target": [{"name": "mirror", "shape": place, "material": {"kind": "lambert", "albedo": 0.25}}],
         "rig.turbulence": {"kind": "flow", "flow_l_per_min": flow_l_per_min}, "rig.frames.count": frames,
-        "rig.gate.width_s": _GATE_S, **changes,
+        "rig.gate.width_s": _GATE_S, "rig.propagation": "phase-screens", **changes,
     }  # fmt: skip
     scene = load_scene("gated-turbulence", wanted)
     rig = wavefront_rig(scene)
