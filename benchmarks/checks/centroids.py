@@ -199,7 +199,7 @@ def claims(rows: Sequence[dict[str, Any]]) -> list[tuple[str, str, str]]:
     """(claim, verdict, figures) of Thomas et al. 2006 on this table, at their read noise of 3 e and every width of the spot.
 
     "contradicted" where the intervals exclude the claim at every width, "trend" where they exclude its opposite, else
-    "undetermined". Whether a centroider works depends on how far spots move: with errors as they are here it must hold, or fail, for
+    "undetermined". Whether a centroider works rests on how far spots move: with errors as they are here it must hold, or fail, for
     moves up to half a pitch as well.
     """
     made: dict[str, list[tuple[str, str]]] = {}

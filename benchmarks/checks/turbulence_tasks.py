@@ -13,7 +13,8 @@ by construction; what is measured is whether it is found.
   said to be. Single layers stand midway between two gates, and the tank's water comes in at 4 m.
 - **Deconvolution** (Eq. 31-32): an image seen through the true phase with noise is deblurred with the point spread of the
   reconstructed phase; gain in PSNR over the image as seen (diffraction is removed too), and over the same method with the
-  point spread of a flat wavefront, which only diffraction has. As printed Eq. 32 has its least value at the black image, whose PSNR is given beside it.
+  point spread of a flat wavefront, which only diffraction has. As printed Eq. 32 has its least value at the black image, whose
+  PSNR is given beside it.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ def target_image() -> Float:
 
 
 def gains(seen: Seen, rng: np.random.Generator) -> list[tuple[float, ...]]:
-    """Of two frames: (gain in PSNR [dB], gain over deblurring as if the wavefront were flat, PSNR as seen, that of a black image)."""
+    """Of two frames: (gain in PSNR [dB], gain over deblurring for a flat wavefront, PSNR as seen, that of a black image)."""
     image = target_image()
     found = run_estimator(f"{_METHOD}+zernike-map", hide_truth(seen.capture))
     told = []
@@ -158,7 +159,7 @@ def _flow_lines(captures: int, rng: np.random.Generator) -> bool:
     none = np.array([strength_of(Seen.of(still, 500 + seed), still).gain for seed in range(captures)])
     passed = True
     print(
-        "flow L/min   AUC [95 %]             r0 found/true   held   PSNR gain dB [95 %]    over flat dB [95 %]     seen dB   Eq. 32 as printed dB"
+        "flow L/min   AUC [95 %]   r0 found/true   held   PSNR gain dB [95 %]   over flat dB [95 %]   seen dB   as printed dB"
     )
     for flow in FLOWS:
         scene = scene_at(4.0, flowing(flow))
