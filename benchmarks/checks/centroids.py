@@ -119,7 +119,9 @@ def _with_reference(capture: xr.Dataset, scene: Scene, cell: Cell, rng: np.rando
     rig = wavefront_rig(scene)
     lattice, noise = lattice_of(rig), rig.detector
     light = np.full(lattice.row.size, cell.flux)
-    mean = _BACKGROUND + isolated_image(lattice.col_px, lattice.row_px, light, spot_px(rig), capture["reference"].shape)
+    mean = _BACKGROUND + isolated_image(
+        lattice.col_px, lattice.row_px, light, spot_px(rig), (rig.camera.rows, rig.camera.cols)
+    )
     # Rounding has the variance of 1/12 DN².
     spread = np.sqrt((mean + cell.read_noise_e**2 + 1.0 / (12.0 * noise.gain_dn_per_e**2)) / EXPOSURES)
     counts = noise.offset_dn + noise.gain_dn_per_e * (mean + spread * rng.standard_normal(mean.shape))

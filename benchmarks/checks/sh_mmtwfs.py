@@ -205,7 +205,8 @@ def compared(folder: Path, name: str, centroid: str, *, image: str = "") -> Comp
     theirs = theirs[np.isfinite(theirs).all(axis=1)]
     radius, centre = 0.5 * sensor.pupil_px, np.array(sensor.centre_px) + cut
     lenslet = np.array([stated["pup_x"], stated["pup_y"]]).T * radius + centre
-    distance, mine = cKDTree(spot).query(lenslet + theirs)
+    near: Any = cKDTree(spot).query(lenslet + theirs)
+    distance, mine = near
     both = distance < 0.1 * sensor.pitch_m / sensor.pixel_m
     ours, authors = moved[mine[both]], theirs[both]
     apart = (ours - ours.mean(axis=0)) - (authors - authors.mean(axis=0))

@@ -130,7 +130,7 @@ def gains(seen: Seen, rng: np.random.Generator) -> list[tuple[float, ...]]:
     """Of two frames: (gain in PSNR [dB], gain over deblurring for a flat wavefront, PSNR as seen, that of a black image)."""
     image = target_image()
     found = run_estimator(f"{_METHOD}+zernike-map", hide_truth(seen.capture))
-    told = []
+    told: list[tuple[float, ...]] = []
     for true, phase in zip(seen.capture["truth_phase"].values[:2], found["phase"].values[:2], strict=True):
         pupil = np.isfinite(true) & np.isfinite(phase)
         real, own = (transfer_of(point_spread(np.nan_to_num(one), pupil), image.shape) for one in (true, phase))
@@ -180,7 +180,7 @@ def _flow_lines(captures: int, rng: np.random.Generator) -> bool:
             f"{over[0]:6.2f} [{over[1]:.2f}, {over[2]:.2f}]   {seen_db:10.2f}   {black_db:10.2f}",
             flush=True,
         )
-        passed &= auc[1] > 0.5 and gain[1] > 0.0
+        passed = passed and bool(auc[1] > 0.5 and gain[1] > 0.0)
     return passed
 
 

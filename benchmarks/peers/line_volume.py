@@ -18,6 +18,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -159,7 +160,7 @@ def measured(rows: int = 128, cols: int = 96, *, samples: int = 1024, reference:
     ours, cost = runs[0][0], min(seconds for _, seconds in runs)
     peer = _Peer(scene)
     peer.image(2, 9)
-    (one, first), (two, second) = (_timed(lambda seed=seed: peer.image(samples, seed)) for seed in (11, 12))
+    (one, first), (two, second) = (_timed(partial(peer.image, samples, seed)) for seed in (11, 12))
     line = np.abs(np.arange(cols) - np.argmax(ours, axis=1)[:, None]) <= _BESIDE_PX
     found: dict[str, Any] = {"rows": rows, "cols": cols, "epsilon": EPSILON, "goal": GOAL, "scatter_cpu_s": cost}
     # Both see the same light: the share of it beside the line is a check of the peer's scene.

@@ -106,7 +106,8 @@ class _Rows:
         self.c += np.clip(move[:, 0], -_CUT_PX, _CUT_PX)
         self.c = np.clip(self.c, -1.0, 1.0)
         self.a, self.b = self.a + move[:, 1], self.b + move[:, 2]
-        return (np.abs(move[:, 0]) < _STILL_PX + 0.1 * np.sqrt(self.inverse[:, 0, 0])) & (self.a > 0)
+        short = np.abs(move[:, 0]) < _STILL_PX + 0.1 * np.sqrt(self.inverse[:, 0, 0])
+        return np.asarray(short & (self.a > 0), bool)
 
     def template(self) -> Float:
         """T (node) from the residuals of all rows: weighted least squares with its prior."""

@@ -298,7 +298,8 @@ def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sig
     if held.any():
         shift[held] = np.rint(spots[owner[held]] - geometry.place_px[held])
         if held.sum() > 1:
-            width = min(width, float(np.median(cKDTree(spots[owner[held]]).query(spots[owner[held]], 2)[0][:, 1])))
+            apart: Any = cKDTree(spots[owner[held]]).query(spots[owner[held]], 2)[0]
+            width = min(width, float(np.median(apart[:, 1])))
     moved = replace(geometry, place_px=geometry.place_px + shift, pitch_px=width)
     cells = cells_of(image[None], rig, least_sigmas=least_sigmas, moved=moved)
     one = method(cells)

@@ -11,6 +11,8 @@ predictions from several neighbours.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, maximum_filter
@@ -64,8 +66,8 @@ def assigned_spots(places: Float, spots: Float, pitch_px: float) -> Index:
     if not len(spots) or not len(places):
         return none
     tree, lattice = cKDTree(spots), cKDTree(places)
-    near = lattice.query_ball_point(places, _STEP * pitch_px)
-    around = lattice.query_ball_point(places, _REACH * pitch_px)
+    near: Any = lattice.query_ball_point(places, _STEP * pitch_px)
+    around: Any = lattice.query_ball_point(places, _REACH * pitch_px)
     best, best_key = none, (0, 0.0)
     for lenslet, spot in _first(places, spots, pitch_px, tree):
         owner = _grown(places, spots, pitch_px, tree, (near, around), lenslet, spot)
@@ -82,7 +84,8 @@ def assigned_spots(places: Float, spots: Float, pitch_px: float) -> Index:
 
 def _first(places: Float, spots: Float, pitch_px: float, tree: cKDTree) -> list[tuple[int, int]]:
     """(lenslet, spot) to begin with, nearest first: of the lenslet with most spots around it."""
-    crowd = [len(found) for found in tree.query_ball_point(places, _FIRST * pitch_px)]
+    around: Any = tree.query_ball_point(places, _FIRST * pitch_px)
+    crowd = [len(found) for found in around]
     lenslet = int(np.argmax(np.array(crowd) - 1e-3 * np.linalg.norm(places - places.mean(axis=0), axis=1) / pitch_px))
     found = tree.query_ball_point(places[lenslet], _FIRST * pitch_px)
     found.sort(key=lambda spot: float(np.linalg.norm(spots[spot] - places[lenslet])))
@@ -98,9 +101,10 @@ def _grown(
     owner[lenslet] = spot
     taken = {spot}
     while True:
-        rim = [k for k in np.flatnonzero(owner < 0) if any(owner[n] >= 0 for n in near[k])]
+        left = np.flatnonzero(owner < 0).tolist()
+        rim = [k for k in left if any(owner[n] >= 0 for n in near[k])]
         if not rim:  # over a gap: the lenslets with the most neighbours within reach
-            rim = [k for k in np.flatnonzero(owner < 0) if sum(owner[n] >= 0 for n in around[k]) >= 3]
+            rim = [k for k in left if sum(owner[n] >= 0 for n in around[k]) >= 3]
         claims: dict[int, tuple[float, int]] = {}
         for k in rim:
             wanted = places[k] + _predicted(places, spots, owner, [n for n in around[k] if owner[n] >= 0], k)
@@ -109,9 +113,9 @@ def _grown(
                 claims[int(found)] = min(claims.get(int(found), (np.inf, -1)), (float(distance), int(k)))
         if not claims:
             return owner
-        for found, (_, k) in claims.items():
-            owner[k] = found
-            taken.add(found)
+        for number, (_, k) in claims.items():
+            owner[k] = number
+            taken.add(number)
 
 
 def _predicted(places: Float, spots: Float, owner: Index, known: list[int], k: int) -> Float:
