@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from ...benchmarks.runner.jail import abi, isolation
+from ..benchmarks.runner.jail import abi, isolation
 from .finding import Finding
 from .packages import version_of
 

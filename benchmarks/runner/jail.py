@@ -41,7 +41,7 @@ _SCOPES = 0b11  # LANDLOCK_SCOPE_ABSTRACT_UNIX_SOCKET and SIGNAL, from ABI 6
 OFF = "BEAMBENCH_ISOLATION"
 #: Folders of this package that a child may not open: with them a scene could be found by its rig and generated again.
 _REFUSED = (("generator", ""), ("scenes", "library"), ("benchmarks", "suites/library"))
-_ROOMS = ("api", "optics", "scenes", "captures", "estimators", "benchmarks")
+_ROOMS = ("optics", "scenes", "captures", "estimators", "benchmarks")
 #: The system: programs, libraries, settings, and what tells the kind of processor.
 _SYSTEM = (
     "/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/gnu", "/sys/devices/system",
@@ -96,9 +96,11 @@ def readable(hidden: Iterable[Path]) -> list[str]:
         spec = importlib.util.find_spec(f"beambench.{room}")
         rooms[room] = [Path(place).resolve() for place in (spec.submodule_search_locations or ())] if spec else []
     refused = {place / inner for room, inner in _REFUSED for place in rooms[room]}
-    refused |= {path.resolve() for path in hidden}
+    refused |= {path.resolve() for path in (*hidden, Path("beambench-runs"))}  # earlier runs hold truth
     roots = [Path(name) for name in (*_SYSTEM, sys.prefix, sys.base_prefix)]
     roots += [Path(name or os.getcwd()).resolve() for name in sys.path]
+    front = importlib.util.find_spec("beambench")
+    roots += [Path(place).resolve() for place in ((front and front.submodule_search_locations) or ())]
     roots += [place for room in _ROOMS for place in rooms[room]]
     found: dict[str, None] = {}
     for root in roots:
