@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ...optics.jit import cache_folder
+from ...optics.jit import GIVEN_HASH, cache_folder, source_hash
 from .jail import OFF, abi, readable
 from .protocol import THREAD_VARIABLES
 
@@ -35,6 +35,7 @@ def child_environment() -> dict[str, str]:
     # The child starts in an empty folder, but can import everything that the parent can.
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     environment["PYTHONHASHSEED"] = "0"
+    environment[GIVEN_HASH] = source_hash()
     environment.pop("PYTHONSTARTUP", None)
     return environment
 
