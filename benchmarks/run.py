@@ -21,6 +21,7 @@ from .folders.workplace import output_folder, workplace
 from .report.picture_files import Place, write_picture
 from .runner.costs import cost_row, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
+from .runner.jail import isolation
 from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
 from .runner.spool import Entry, Spool
@@ -133,7 +134,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
         "started": began, "finished": now(), **settings,
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
-        "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(),
+        "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(), "isolation": isolation(),
         "warnings": run.warnings, "failures": run.failures,
         "skipped": skips_of(rows), "answers_from_cache": run.cache.hits if run.cache is not None else 0,
     }  # fmt: skip
@@ -255,39 +256,42 @@ class _Run:
         """Run every estimator on the spooled captures, score the results, and delete the captures."""
         tick = time.perf_counter()
         entries = {entry.index: entry for entry in batch}
+        # A child of its own for each condition, which cannot remember the exact rig of another.
+        asked = [(chosen, condition) for chosen in self.chosen for condition in self.suite.conditions]
         sessions = [
             Session(
-                chosen.label, self._jobs(spool, batch, chosen), self.suite.limits, spool.open / f"estimator-{number}"
+                chosen.label,
+                self._jobs(spool, batch, chosen, condition),
+                self.suite.limits,
+                spool.open / f"estimator-{number}",
+                hidden=(self.folder, spool.closed),
             )
-            for number, chosen in enumerate(self.chosen)
+            for number, (chosen, condition) in enumerate(asked)
         ]
         self.progress("estimate", self.done, self.total, "starting")
-        run_sessions(
-            sessions, lambda n, outcome: self._take(spool, entries[outcome.job.index], self.chosen[n], outcome)
-        )
+        run_sessions(sessions, lambda n, outcome: self._take(spool, entries[outcome.job.index], asked[n][0], outcome))
         for entry in batch:
             spool.drop(entry)
         if self.cache is not None:
             self.cache.prune()
         self.stages["estimate"] += time.perf_counter() - tick
 
-    def _jobs(self, spool: Spool, batch: list[Entry], chosen: Chosen) -> list[Job]:
+    def _jobs(self, spool: Spool, batch: list[Entry], chosen: Chosen, condition: str) -> list[Job]:
         """The captures that an estimator still has to read. Results in the journal or the cache become rows at once."""
         jobs: list[Job] = []
         for entry in batch:
-            for condition in self.suite.conditions:
-                key = self._journal_key(entry, condition, chosen)
-                finished = self.journal.done.get(key)
-                if finished is not None:
-                    self._keep(entry, condition, chosen, finished, self.journal.beside[key])
-                    self.done += 1
-                    continue
-                job = Job(entry.index, entry.folder, condition, entry.modality, entry.sizes)
-                kept = self.cache.get(job, chosen) if self.cache is not None else None
-                if kept is not None:
-                    self._take(spool, entry, chosen, kept, fresh=False)
-                else:
-                    jobs.append(job)
+            key = self._journal_key(entry, condition, chosen)
+            finished = self.journal.done.get(key)
+            if finished is not None:
+                self._keep(entry, condition, chosen, finished, self.journal.beside[key])
+                self.done += 1
+                continue
+            job = Job(entry.index, entry.folder, condition, entry.modality, entry.sizes)
+            kept = self.cache.get(job, chosen) if self.cache is not None else None
+            if kept is not None:
+                self._take(spool, entry, chosen, kept, fresh=False)
+            else:
+                jobs.append(job)
         return jobs
 
     @staticmethod

@@ -157,7 +157,7 @@ def test_the_table_of_the_readme_pools_all_scenes_or_none(tmp_path: Path) -> Non
 def test_refusing_does_not_pay() -> None:
     """The ranking goes by the error over all elements, so answering a few easy ones does not win."""
     rows = [
-        made_up.score_row(estimator="picky", coverage=0.3, rmse=1e-5, rmse_full=5e-2),
+        made_up.score_row(estimator="picky", coverage=0.3, rmse=1e-5, rmse_full=5e-2, bound=1e-5),
         made_up.score_row(estimator="plain", coverage=1.0, rmse=1e-3, rmse_full=1e-3),
     ]
     assert [r.label for r in rank(cells_of(pd.DataFrame(rows)))] == ["plain", "picky"]

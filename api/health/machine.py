@@ -9,10 +9,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+from ..benchmarks.runner.jail import abi, isolation
 from .finding import Finding
 from .packages import version_of
 
-__all__ = ["disks", "python"]
+__all__ = ["disks", "jail", "python"]
 
 #: Below this a run of quickstart may not fit.
 _DISK_BYTES = 2 * 2**30
@@ -28,6 +29,14 @@ def python() -> list[Finding]:
         Finding("python", "beambench", "ok", version_of("beambench") or "not installed as a package"),
         Finding("python", "cores", "ok", str(cores)),
     ]
+
+
+def jail() -> Finding:
+    """The isolation in which estimators run on this machine."""
+    text = isolation()
+    held = bool(abi()) and text.startswith("Landlock")
+    advice = "" if held else "publish rankings from a machine with Linux 5.13 or newer and Landlock"
+    return Finding("estimators", "isolation", "ok" if held else "warning", text, advice)
 
 
 def disks() -> list[Finding]:

@@ -1,7 +1,8 @@
-"""Results that are better than their bound: told wherever a run is told, because then one of the two is wrong."""
+"""Results that are better than their bound, or without any error: told wherever a run is told, because then something is wrong."""
 
 from __future__ import annotations
 
+from ..statistics.suspects import EXACT
 from .cell import Cell
 
 __all__ = ["LEAST_ELEMENTS", "MOST_EFFICIENT", "above_bound"]
@@ -11,13 +12,36 @@ MOST_EFFICIENT, LEAST_ELEMENTS = 1.2, 100
 
 
 def above_bound(cells: list[Cell]) -> list[str]:
-    """A sentence for every cell, seeds pooled, whose efficiency bound²/(mean square error) is above 1.2 over 100 elements."""
+    """A sentence for every cell, seeds pooled, that is suspect (`statistics.suspects`; it is not ranked), or whose efficiency
+    bound²/(mean square error) is above 1.2 over 100 elements."""
     return [
+        sentence
+        for cell in cells
+        if (sentence := _suspect(cell) if cell.suspect else _efficient(cell) if _is_above(cell) else "")
+    ]
+
+
+def _is_above(cell: Cell) -> bool:
+    return cell.efficiency > MOST_EFFICIENT and cell.n >= LEAST_ELEMENTS
+
+
+def _efficient(cell: Cell) -> str:
+    return (
         f"{cell.label} has an efficiency of {cell.efficiency:.3g} in {cell.place} over {cell.n:.0f} {cell.noun}s, "
         f"better than its bound (kind {cell.bound_kind}) allows: {_why(cell.bound_kind)}"
-        for cell in cells
-        if cell.efficiency > MOST_EFFICIENT and cell.n >= LEAST_ELEMENTS
-    ]
+    )
+
+
+def _suspect(cell: Cell) -> str:
+    if cell.suspect == EXACT:
+        told = "no error at all"
+        why = "no estimate of noisy data is exact: the answers know the truth."
+    else:
+        told, why = f"an efficiency of {(cell.bound / cell.rmse) ** 2:.3g}", _why(cell.bound_kind)
+    return (
+        f"{cell.label} has {told} in {cell.place} over {cell.n:.0f} {cell.noun}s, better than its bound "
+        f"(kind {cell.bound_kind}) allows, and is not ranked: {why}"
+    )
 
 
 def _why(kind: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ...captures.layouts import LAYOUTS, layout_of
 from ..statistics.skips import not_applicable
+from ..statistics.suspects import suspicion
 
 __all__ = ["FAILS_ABOVE", "Cell"]
 
@@ -86,6 +87,12 @@ class Cell:
     def fails(self) -> bool:
         """True where it applies but did not run, or failed on more than a tenth of the elements."""
         return not self.skipped and (not self.ok or self.failure_rate > FAILS_ABOVE)
+
+    @property
+    def suspect(self) -> str:
+        """Why the result is not ranked (no error at all, or beyond its bound by more than chance), or ""."""
+        answered = self.n * self.coverage
+        return suspicion(self.rmse, self.bound, answered, self.bound_kind) if self.ok and answered > 0 else ""
 
     @property
     def noun(self) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..folders.files import write_atomic, write_text
 from .data import Cell, unit_scale
+from .front import SUSPECT
 from .layout import HEIGHT, WIDTH, log_domain, log_ticks, place_labels
 from .text import number, rate, span
 
@@ -83,8 +84,11 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
     ground = GROUND if page else "#ffffff"
     # The text of the page explains the marks.
     legend = None if page else alt.Legend(title=None, orient="top", symbolStrokeWidth=2)
-    fill = alt.Fill("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, ground, OTHER]), legend=legend)
-    stroke = alt.Stroke("verdict:N", scale=alt.Scale(domain=list(VERDICTS), range=[FRONT, FRONT, OTHER]), legend=legend)
+    doubt = any(c.verdict == SUSPECT for c in drawn)
+    domain = [*VERDICTS, *([SUSPECT] if doubt else [])]
+    fills, strokes = ([FRONT, inner, OTHER, "#b00020"][: len(domain)] for inner in (ground, FRONT))
+    fill = alt.Fill("verdict:N", scale=alt.Scale(domain=domain, range=fills), legend=legend)
+    stroke = alt.Stroke("verdict:N", scale=alt.Scale(domain=domain, range=strokes), legend=legend)
     layers = _bound_layers(bounds)
     for position, condition in enumerate(conditions):
         front = [p for p in points if p["front"] and p["condition"] == condition]
@@ -157,7 +161,9 @@ def _points(cells: list[Cell], factor: float, unit: str) -> list[dict[str, Any]]
             "error_hi": _or_none(c.error_hi * factor),
             "label": c.label,
             "condition": c.condition,
-            "text": c.label + (f" ({rate(c.coverage)})" if c.coverage < 0.99 else ""),
+            "text": c.label
+            + (f" ({rate(c.coverage)})" if c.coverage < 0.99 else "")
+            + (", beyond its bound" if c.suspect else ""),
             "shown_error": f"{number(c.rmse_full * factor)}{span(c.error_lo * factor, c.error_hi * factor)} {unit}",
             "shown_rmse": f"{number(c.rmse * factor)} {unit}",
             "shown_bound": f"{number(c.bound * factor)} {unit} ({c.bound_kind or 'none'})",

@@ -20,7 +20,10 @@ from ..statistics.front import classify, interval_order, lower_left, paired_orde
 from .cell import Cell
 from .data import axis_text, level_text
 
-__all__ = ["mark_front"]
+__all__ = ["SUSPECT", "mark_front"]
+
+#: Verdict of a cell that is better than its bound by more than chance.
+SUSPECT = "suspect"
 
 Float = npt.NDArray[np.float64]
 _Calls = dict[tuple[str, ...], list[tuple[float, float]]]
@@ -38,7 +41,9 @@ def mark_front(
     """
     groups: dict[tuple[str, ...], list[Cell]] = {}
     for cell in cells:
-        if cell.ok and cell.cpu_per_element_s > 0 and cell.rmse_full >= 0:
+        if cell.suspect:
+            cell.verdict = SUSPECT  # it takes no part in the comparison
+        elif cell.ok and cell.cpu_per_element_s > 0 and cell.rmse_full >= 0:
             groups.setdefault(
                 (cell.stage, cell.quantity, cell.scene, cell.condition, *_levels(cell)), []
             ).append(cell)  # fmt: skip

@@ -40,6 +40,7 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
         rows.append(
             {
                 "label": cell.label,
+                "suspect": cell.suspect,
                 "scene": cell.scene,
                 "condition": cell.condition,
                 "stress": stress,

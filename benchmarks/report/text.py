@@ -38,8 +38,11 @@ class Ranked:
 
 
 def rank(cells: list[Cell]) -> list[Ranked]:
-    """Estimators from the most to the least accurate; those without a result in every cell come last."""
+    """Estimators from the most to the least accurate; those without a result in every cell come last. Suspect ones (better
+    than their bound by more than chance) are left out."""
     best: dict[tuple[str, ...], float] = {}
+    suspect = {cell.label for cell in cells if cell.suspect}
+    cells = [cell for cell in cells if cell.label not in suspect]
     for cell in cells:
         if cell.ok and cell.rmse_full >= 0:
             best[_where(cell)] = min(best.get(_where(cell), math.inf), cell.rmse_full)
@@ -178,7 +181,7 @@ def closing_lines(scores: pd.DataFrame) -> list[str]:
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
     if not ranked:
-        lines = ["best     none: no estimator gave a result"]
+        lines = ["best     none: no estimator gave a result that is ranked"]
     else:
         best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
         near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""

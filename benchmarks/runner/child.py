@@ -249,6 +249,13 @@ def main(arguments: list[str]) -> int:
     def tell(**event: Any) -> None:
         os.write(events_fd, (json.dumps(event) + "\n").encode())
 
+    jobs = os.fdopen(jobs_fd, encoding="utf-8")
+    rules = json.loads(jobs.readline() or "{}")
+    if rules:  # before anything is imported: the jail holds for threads that are started later only
+        from .jail import seal
+
+        seal(read=rules["read"], write=rules["write"])
+
     from .estimator_labels import missing_package
 
     try:
@@ -258,7 +265,7 @@ def main(arguments: list[str]) -> int:
         tell(event="refused", message=f"skip: needs the package {absent}" if absent else _describe(error))
         return 0
     tell(event="started", stage=server.stage.word)
-    with os.fdopen(jobs_fd, encoding="utf-8") as jobs:
+    with jobs:
         for line in jobs:
             if not server.serve(json.loads(line)):
                 break

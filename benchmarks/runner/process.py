@@ -5,16 +5,24 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from ...optics.jit import GIVEN_HASH, cache_folder, source_hash
+from .jail import OFF, abi, readable
 from .protocol import THREAD_VARIABLES
 
-__all__ = ["Child", "child_environment"]
+__all__ = ["Child", "child_environment", "jail_rules"]
+
+#: Variable by which the descendants of a child are known.
+_TOKEN = "BEAMBENCH_CHILD"
 
 _SCAN_S = 0.5  # for descendants, as their list needs a pass over all processes
 _TAIL = 2000  # bytes kept of a child's printed output
@@ -27,14 +35,41 @@ def child_environment() -> dict[str, str]:
     # The child starts in an empty folder, but can import everything that the parent can.
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     environment["PYTHONHASHSEED"] = "0"
+    environment[GIVEN_HASH] = source_hash()
     environment.pop("PYTHONSTARTUP", None)
     return environment
+
+
+def jail_rules(label: str, folder: Path, inputs: Iterable[Path], hidden: Iterable[Path]) -> dict[str, Any]:
+    """The first line that a child reads: {"read": [path], "write": [path]}, or {} without a jail.
+
+    Main arguments:
+        label: the files that its parameters name (weights) may be read. folder: working folder; the answers lie beside it.
+        inputs: what it may read of the run. hidden: folders that it may not read wherever they are.
+    """
+    if os.environ.get(OFF) == "none" or not abi():
+        return {}
+    from ...estimators.labels import parse_label
+
+    values = [value for value in parse_label(label)[1].values() if isinstance(value, str) and os.path.isabs(value)]
+    return {
+        "read": [*_readable(tuple(hidden), tuple(sys.path)), *map(str, inputs), *values],
+        "write": [str(folder.parent), str(cache_folder())],
+    }
+
+
+@lru_cache(maxsize=4)
+def _readable(hidden: tuple[Path, ...], import_path: tuple[str, ...]) -> list[str]:
+    """`readable`, once per import path."""
+    return readable(hidden)
 
 
 class Child:
     """A started child and its pipes."""
 
-    def __init__(self, label: str, folder: Path) -> None:
+    def __init__(self, label: str, folder: Path, *, inputs: Iterable[Path] = (), hidden: Iterable[Path] = ()) -> None:
+        self.token = secrets.token_hex(16)
+        rules = jail_rules(label, folder, inputs, hidden)
         jobs_read, jobs_write = os.pipe()
         events_read, events_write = os.pipe()
         command = [
@@ -46,7 +81,7 @@ class Child:
             str(jobs_read),
             str(events_write),
         ]
-        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "tmp").mkdir(parents=True, exist_ok=True)
         try:
             self.process = subprocess.Popen(
                 command,
@@ -56,7 +91,7 @@ class Child:
                 pass_fds=(jobs_read, events_write),
                 start_new_session=True,
                 cwd=folder,
-                env=child_environment(),
+                env=child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token},
             )
         except BaseException:
             os.close(jobs_write)
@@ -75,6 +110,7 @@ class Child:
         self._scanned = 0.0
         for fd in (self.events, self.output):
             os.set_blocking(fd, False)
+        self.send(rules)
 
     def send(self, message: dict[str, Any]) -> None:
         """Send one line of JSON."""
@@ -132,6 +168,15 @@ class Child:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 
+    def _kill_strays(self) -> None:
+        """Kill the processes that a child started and that left its group and its tree: they carry its token."""
+        import psutil
+
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error, OSError):
+                if process.environ().get(_TOKEN) == self.token:
+                    process.kill()
+
     def end(self, *, kill: bool) -> int:
         """Close the pipes, wait for the child or kill it with its descendants, and return its exit code."""
         import psutil
@@ -152,6 +197,7 @@ class Child:
             with contextlib.suppress(psutil.Error):
                 member.kill()
         code = self.process.wait()
+        self._kill_strays()
         os.close(self.events)
         assert self.process.stdout is not None
         self.process.stdout.close()

@@ -18,7 +18,8 @@ import xarray as xr
 from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
 
 __all__ = [
-    "THREAD_VARIABLES", "file_sums", "misshapen", "open_capture", "read_results", "unsound", "write_capture", "write_meta",
+    "THREAD_VARIABLES", "file_sums", "files_of", "misshapen", "open_capture", "read_results", "unsound", "write_capture",
+    "write_meta",
 ]  # fmt: skip
 
 #: Longest dimension that an estimator may choose.
@@ -82,6 +83,11 @@ def open_capture(folder: Path, condition: str) -> xr.Dataset:
         # A view of a read-only mapping: its flag `writeable` cannot be set, because the base is read-only.
         (coords if entry["coordinate"] else data)[name] = (entry["dims"], array.view(np.ndarray), entry["attrs"])
     return xr.Dataset(data, coords=coords, attrs=meta["attrs"])
+
+
+def files_of(folder: Path, condition: str) -> list[Path]:
+    """The files of a capture that an estimator reads under one condition."""
+    return [*sorted(folder.glob("*.npy")), folder / f"meta-{condition}.json"]
 
 
 def file_sums(folder: Path) -> dict[str, int]:

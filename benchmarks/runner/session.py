@@ -28,7 +28,7 @@ from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
 from .house import HOUSE, house_error
 from .process import Child
-from .protocol import read_results
+from .protocol import files_of, read_results
 
 __all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
 
@@ -96,10 +96,23 @@ class Session:
     Main arguments:
         label: the estimator, `name[key=value]`. jobs: at least one, in order. limits: limits per capture.
         scratch: a private folder for the child's results, each of which is deleted after it was passed on.
+    Other arguments:
+        inputs: folder that the child may read, for jobs that are added later; by default only the files of `jobs`, and of these
+        only the declared rig of the job's condition. hidden: folders that it may not read wherever they are.
     """
 
-    def __init__(self, label: str, jobs: Sequence[Job], limits: Limits, scratch: Path) -> None:
+    def __init__(
+        self,
+        label: str,
+        jobs: Sequence[Job],
+        limits: Limits,
+        scratch: Path,
+        *,
+        inputs: Path | None = None,
+        hidden: Sequence[Path] = (),
+    ) -> None:
         self.label, self.jobs, self.limits, self.scratch = label, list(jobs), limits, scratch
+        self.inputs, self.hidden = inputs, tuple(hidden)
         self._child: Child | None = None
         self._first: Outcome | None = None
         self._refused = ""
@@ -107,7 +120,10 @@ class Session:
 
     def start(self) -> None:
         """Start the child, which then imports its modules."""
-        self._child = Child(self.label, self.scratch / "cwd")
+        inputs = [path for job in self.jobs for path in files_of(job.folder, job.condition)]
+        self._child = Child(
+            self.label, self.scratch / "cwd", inputs=[self.inputs] if self.inputs else inputs, hidden=self.hidden
+        )
 
     def warm_up(self) -> None:
         """Call the estimator on the first capture, untimed. `run` reports a failure of this call."""

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from ...estimators.labels import label_of
 from ..statistics.skips import not_applicable
 from .ranking import compare_estimators, score_matrix
+from .suspects import suspects_of
 
 __all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "inference_tables"]
 
@@ -26,6 +28,8 @@ PROFILE_COLUMNS = (*_GROUP, "estimator", "factor", "share")
 def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[str, ...], list[dict[str, Any]]]]:
     """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`.
 
+    Estimators that are suspect in a scene
+    (`suspects`: no error at all, or better than the bound by more than chance) are in none of the three tables.
     `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where the Holm-corrected
     difference is not significant at 5 %. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator
     have a ranking and no pairs.
@@ -42,6 +46,8 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
         mine = [row for row in table if all(row[name] == group[name] for name in _GROUP)]
         # A skip marks an estimator that applies to a part of the scenes only, and is not ranked.
         plain = [row for row in mine if _as_written(row) or not_applicable(str(row.get("status", "ok")))]
+        suspect = suspects_of(row for row in plain if _as_written(row))
+        plain = [row for row in plain if label_of(str(row["estimator"]), str(row["params"])) not in suspect]
         if not any(_as_written(row) for row in plain):
             continue
         matrix = score_matrix(

@@ -1,0 +1,148 @@
+"""Cheats of plug-ins that the jail of the runner stops: each is tried in a child, and reports what it reached."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from beambench.benchmarks.runner.jail import OFF, abi, isolation, seal
+from beambench.benchmarks.runner.session import Outcome, Session, run_sessions
+
+from .test_benchmarks_runner import LIMITS, spool
+
+CHEATS = '''
+import glob, os, subprocess, sys
+import numpy as np, xarray as xr
+from beambench.estimators import estimator
+
+def reach(function):
+    """0.5 where the cheat was stopped, 7 where it got through."""
+    def call(capture):
+        try:
+            reached = 7.0 if function(capture) else 0.5
+        except (OSError, ImportError):
+            reached = 0.5
+        shape, dims = capture["counts"].shape[1:], ("row", "col")
+        return xr.Dataset({"range": (dims, np.full(shape, reached)), "sigma": (dims, np.full(shape, 0.1)),
+                           "valid": (dims, np.ones(shape, bool))})
+    call.__name__, call.__module__, call.__doc__ = function.__name__, function.__module__, "A planted cheat."
+    call.__annotations__ = {"capture": xr.Dataset, "return": xr.Dataset}
+    return estimator("gated", cites="planted")(call)
+
+def secret(capture):
+    return open(SECRET).read()
+def written(capture):
+    return open(SECRET + ".new", "w").write("x")
+def matched(capture):
+    return open(os.path.join(os.path.dirname(SECRET), "in-0", "meta-matched.json")).read()
+def memory(capture):
+    return open(f"/proc/{os.getppid()}/environ", "rb").read()
+def generates(capture):
+    import beambench.generator.generate
+    return True
+def library(capture):
+    from beambench import scenes
+    return [open(p).read() for folder in scenes.__path__ for p in glob.glob(os.path.join(folder, "library", "*.toml"))][0]
+def shared(capture):
+    return open("/dev/shm/beambench-cheat", "w").write("x")
+def stops_parent(capture):
+    os.kill(os.getppid(), 0)
+    return True
+def connects(capture):
+    import socket
+    socket.create_connection(("127.0.0.1", PORT), timeout=2.0)
+    return True
+def stays(capture):
+    code = "import os, time; os.setsid(); os.fork() and os._exit(0); time.sleep(300)"
+    subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdin=-3, stdout=-3, stderr=-3)
+    return False
+'''
+STOPPED = ("secret", "written", "matched", "memory", "generates", "library", "shared")
+NAMES = (*STOPPED, "stops_parent", "connects", "stays")
+
+
+@pytest.fixture
+def cheats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package with the cheats, and a secret file beside the captures."""
+    import socket
+
+    server = socket.create_server(("127.0.0.1", 0))
+    site = tmp_path / "site"
+    (site / "cheats-1.0.dist-info").mkdir(parents=True)
+    head = f"SECRET = {str(tmp_path / 'secret')!r}\nPORT = {server.getsockname()[1]}\n"
+    tail = "".join(f"{name} = reach({name})\n" for name in NAMES)
+    (site / "planted_cheats.py").write_text(head + CHEATS + tail)
+    (tmp_path / "secret").write_text("truth")
+    points = "\n".join(f"c-{name.replace('_', '-')} = planted_cheats:{name}" for name in NAMES)
+    (site / "cheats-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: cheats\nVersion: 1.0\n")
+    (site / "cheats-1.0.dist-info" / "entry_points.txt").write_text(f"[beambench.estimators]\n{points}\n")
+    monkeypatch.syspath_prepend(str(site))
+    with server:
+        yield tmp_path
+
+
+def reached(folder: Path, *names: str) -> dict[str, str]:
+    """What became of each cheat: "stopped", "got through", or the status of its child."""
+    from beambench.benchmarks.runner.protocol import write_meta
+
+    from .test_benchmarks_runner import hidden_capture
+
+    jobs = spool(folder, 1)
+    write_meta(jobs[0].folder, hidden_capture(), "calibrated")
+    job = jobs[0].__class__(0, jobs[0].folder, "calibrated", "gated", jobs[0].sizes)
+    found: dict[str, str] = {}
+
+    def take(number: int, outcome: Outcome) -> None:
+        value = float(outcome.arrays["range"][0, 0]) if outcome.status == "ok" else 0.0
+        found[names[number]] = {0.5: "stopped", 7.0: "got through"}.get(value, outcome.status)
+
+    run_sessions(
+        [Session(f"c-{n.replace('_', '-')}", [job], LIMITS, folder / f"scratch-{n}") for n in names], take
+    )  # fmt: skip
+    return found
+
+
+@pytest.mark.skipif(not abi(), reason="this kernel has no Landlock")
+def test_the_jail_stops_what_reads_or_writes_outside_of_it(cheats: Path) -> None:
+    expected = dict.fromkeys(STOPPED, "stopped")
+    if abi() >= 4:
+        expected["connects"] = "stopped"
+    if abi() >= 6:
+        expected["stops_parent"] = "stopped"
+    assert reached(cheats, *expected) == expected
+    assert not (cheats / "secret.new").exists()
+
+
+def test_without_the_jail_the_same_cheats_get_through_and_the_run_says_so(
+    cheats: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that the test above does not pass because the cheats are wrong."""
+    monkeypatch.setenv(OFF, "none")
+    names = ("secret", "matched", "generates", "library", "connects")
+    assert reached(cheats, *names) == dict.fromkeys(names, "got through")
+    assert isolation().startswith("processes only")
+
+
+def test_a_process_that_left_its_session_and_its_parent_ends_with_the_child(cheats: Path) -> None:
+    before = {process.pid for process in psutil.process_iter() if "setsid" in " ".join(_line(process))}
+    assert reached(cheats, "stays") == {"stays": "stopped"}
+    time.sleep(0.2)
+    after = {process.pid for process in psutil.process_iter() if "os.setsid()" in " ".join(_line(process))}
+    assert not after - before
+
+
+def _line(process: psutil.Process) -> list[str]:
+    try:
+        return [] if process.status() == psutil.STATUS_ZOMBIE else process.cmdline()
+    except psutil.Error:
+        return []
+
+
+def test_a_kernel_without_landlock_seals_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("beambench.benchmarks.runner.jail.abi", lambda: 0)
+    assert seal(read=[], write=[]) == 0
+    assert isolation().startswith("processes only (no Landlock)")
