@@ -9,8 +9,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from beambench.benchmarks.runner.jail import OFF, abi, isolation, seal
-from beambench.benchmarks.runner.session import Outcome, Session, run_sessions
+from beambench.benchmarks.laws.gated import clean_capture
+from beambench.benchmarks.runner.jail import OFF, abi, isolation, readable, seal
+from beambench.benchmarks.runner.protocol import write_capture, write_meta
+from beambench.benchmarks.runner.session import Job, Outcome, Session, run_sessions
+from beambench.captures.hide import hide_truth
+from beambench.captures.sizes import sizes_of
 
 from .test_benchmarks_runner import LIMITS, spool
 
@@ -87,8 +91,6 @@ def cheats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def reached(folder: Path, *names: str) -> dict[str, str]:
     """What became of each cheat: "stopped", "got through", or the status of its child."""
-    from beambench.benchmarks.runner.protocol import write_meta
-
     from .test_benchmarks_runner import hidden_capture
 
     jobs = spool(folder, 1)
@@ -146,3 +148,33 @@ def test_a_kernel_without_landlock_seals_nothing(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("beambench.benchmarks.runner.jail.abi", lambda: 0)
     assert seal(read=[], write=[]) == 0
     assert isolation().startswith("processes only (no Landlock)")
+
+
+@pytest.mark.skipif(not abi(), reason="this kernel has no Landlock")
+def test_a_built_in_estimator_with_compiled_code_works_inside(tmp_path: Path) -> None:
+    capture = hide_truth(clean_capture())
+    folder = tmp_path / "in"
+    write_capture(folder, capture)
+    write_meta(folder, capture, "matched")
+    job = Job(0, folder, "matched", "gated", sizes_of(capture))
+    limits = LIMITS.model_copy(update={"warmup_s": 200.0, "time_s": 60.0, "memory_bytes": 2**31})
+    found: list[str] = []
+    run_sessions(
+        [Session("weighted-average", [job], limits, tmp_path / "scratch")], lambda _, o: found.append(o.status)
+    )
+    assert found == ["ok"]
+
+
+def test_packages_installed_as_editable_are_readable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their finders know folders and files that are not on the import path, a module's file without its suffix."""
+    import sys
+    import types
+
+    (tmp_path / "package").mkdir()
+    (tmp_path / "alone.py").write_text("")
+    finder = types.ModuleType("__editable___planted_finder")
+    finder.MAPPING = {"package": str(tmp_path / "package"), "alone": str(tmp_path / "alone"), "gone": "/nowhere"}  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, finder.__name__, finder)
+    found = readable([])
+    assert {str(tmp_path / "package"), str(tmp_path / "alone.py")} <= set(found)
+    assert not any(name.startswith(("/nowhere", str(tmp_path / "alone") + "/")) for name in found)

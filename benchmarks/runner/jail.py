@@ -102,11 +102,20 @@ def readable(hidden: Iterable[Path]) -> list[str]:
     front = importlib.util.find_spec("beambench")
     roots += [Path(place).resolve() for place in ((front and front.submodule_search_locations) or ())]
     roots += [place for room in _ROOMS for place in rooms[room]]
+    roots += _editable()
     found: dict[str, None] = {}
     for root in roots:
         for path in _without(root, refused):
             found[str(path)] = None
     return list(found)
+
+
+def _editable() -> list[Path]:
+    """Places of packages that are installed as editable: their finders (setuptools) know folders outside the import path."""
+    finders = [module for name, module in list(sys.modules.items()) if name.startswith("__editable__")]
+    maps = [getattr(module, "MAPPING", None) for module in finders]
+    places = [place for one in maps if isinstance(one, dict) for place in one.values() if isinstance(place, str)]
+    return [Path(name) for place in places for name in (place, f"{place}.py") if os.path.exists(name)]
 
 
 def _without(path: Path, refused: set[Path]) -> Iterable[Path]:
