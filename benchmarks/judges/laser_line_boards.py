@@ -43,6 +43,8 @@ _ROWS, _COLS = 6, 9
 _VIEWS, _POINTS = 8, 40
 #: Index of air at the window.
 _AIR = 1.00027
+#: Least step of the index at the window by which boards tell its distance: in air a plate moves rays by microns.
+_LEAST_STEP = 0.01
 #: Most trials of a pose that keeps the board in view.
 _TRIALS = 2000
 
@@ -62,8 +64,9 @@ def board_calibration(scene: Scene, rig: dict[str, Any], calibration: Calibratio
         shown += [replace(camera, port=replace(camera.port, outside=_AIR))] * _VIEWS
     size = true.camera.rows, true.camera.cols
     views = [_view(one, sheet, board, distance, size, noise, rng) for one in shown]
-    # In the medium alone, all views are like those of a camera without a port, and the stand-off does not show.
-    free = [name for name in CALIBRATED if name != "k3" and (name != "stand_off_m" or camera.port is not None)]
+    # Without a port, or with air on both sides of it, the stand-off does not show: it stays as declared.
+    shows = camera.port is not None and abs(index - _AIR) > _LEAST_STEP
+    free = [name for name in CALIBRATED if name != "k3" and (name != "stand_off_m" or shows)]
     text = json.dumps(rig)
     found = adjust(declared_geometry(DeclaredRig(text, rig)), board, views, free)
     made: dict[str, Any] = json.loads(with_calibration(text, found))
