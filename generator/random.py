@@ -29,6 +29,7 @@ class Stage(IntEnum):
     PATHS = 9
     PULSES = 10  # mean jitter of the pulses of a slice or record
     SPECKLE = 11
+    INCLINATION = 12
     SCREEN = 20  # turbulence; a block is a frame and a layer
 
 

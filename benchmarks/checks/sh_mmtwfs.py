@@ -31,6 +31,7 @@ from scipy.spatial import cKDTree
 
 from ...captures.build import make_capture
 from ...captures.hide import hide_truth
+from ...captures.layouts.wavefront import LAYOUT
 from ...estimators.registry import run_estimator
 from ...estimators.wavefront.field_search import spots_in
 from ...optics.zernike import orders_of, zernike_gradient
@@ -125,7 +126,7 @@ def capture_of(image: Float, reference: Float, sensor: Sensor) -> xr.Dataset:
     width, shape = _spot_px(reference - 100.0 * noise, place), image.shape
     u = np.arange(-int(16 * pitch), int(16 * pitch) + 1) / 16.0
     rig = {
-        "schema": 1, "kind": "wavefront", "t0_s": 0.0, "laser": {"wavelength_m": sensor.wavelength_m},
+        "schema": 1, "kind": LAYOUT.name, "t0_s": 0.0, "laser": {"wavelength_m": sensor.wavelength_m},
         "lenslets": {
             "pitch_m": sensor.pitch_m, "focal_length_m": sensor.focal_m, "rotation_rad": 0.0,
             "row": list(range(len(place))), "col": list(range(len(place))), "row_px": place[:, 1].tolist(),
@@ -142,7 +143,7 @@ def capture_of(image: Float, reference: Float, sensor: Sensor) -> xr.Dataset:
         "reference": {"exposures": 1},
     }  # fmt: skip
     return make_capture(
-        "wavefront",
+        LAYOUT.name,
         data={"counts": image[None].astype(np.float32), "reference": reference.astype(np.float32)},
         coords={"delay": np.zeros(1), "time": np.zeros(1), "valid": True},
         truth={},

@@ -188,7 +188,7 @@ def _true_r0(flow: float) -> float:
     """r₀ [m] of the wavefront at the array: a mirror at 4 m doubles the phase of one pass."""
     from ...optics.turbulence.flow import table_r0_m
 
-    return float(table_r0_m(flow, 4.0)) * 4.0**-0.6
+    return float(table_r0_m(flow, 4.0) * 4.0**-0.6)
 
 
 def _range_lines(captures: int) -> bool:

@@ -37,6 +37,8 @@ _RIGHTS = ((5, 16), (3, 15), (2, 14), (1, 13))
 _TCP = 0b11  # LANDLOCK_ACCESS_NET_BIND_TCP and CONNECT_TCP, from ABI 4
 _SCOPES = 0b11  # LANDLOCK_SCOPE_ABSTRACT_UNIX_SOCKET and SIGNAL, from ABI 6
 
+#: Name of this package.
+_PACKAGE = __name__.split(".")[0]
 #: Environment variable that, set to "none", runs estimators without a jail; a run then says so.
 OFF = "BEAMBENCH_ISOLATION"
 #: Folders of this package that a child may not open: with them a scene could be found by its rig and generated again.
@@ -93,13 +95,13 @@ def readable(hidden: Iterable[Path]) -> list[str]:
 
     rooms: dict[str, list[Path]] = {}
     for room in ("generator", *_ROOMS):
-        spec = importlib.util.find_spec(f"beambench.{room}")
+        spec = importlib.util.find_spec(f"{_PACKAGE}.{room}")
         rooms[room] = [Path(place).resolve() for place in (spec.submodule_search_locations or ())] if spec else []
     refused = {place / inner for room, inner in _REFUSED for place in rooms[room]}
     refused |= {path.resolve() for path in (*hidden, Path("beambench-runs"))}  # earlier runs hold truth
     roots = [Path(name) for name in (*_SYSTEM, sys.prefix, sys.base_prefix)]
     roots += [Path(name or os.getcwd()).resolve() for name in sys.path]
-    front = importlib.util.find_spec("beambench")
+    front = importlib.util.find_spec(_PACKAGE)
     roots += [Path(place).resolve() for place in ((front and front.submodule_search_locations) or ())]
     roots += [place for room in _ROOMS for place in rooms[room]]
     roots += _editable()

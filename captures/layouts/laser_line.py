@@ -14,6 +14,8 @@ _LASER_LINE = (
     coord("laser_on", "frame", BOOL, "1", "whether the laser shone"),
     coord("exposure", "frame", REAL, "s", "exposure of the frame, where it is automatic", required=False),
     coord("gain", "frame", REAL, "1", "gain of the frame over the declared one, where it is automatic", required=False),
+    coord("pitch", "frame", REAL, "rad", "pitch of the camera against gravity, as read", required=False),
+    coord("roll", "frame", REAL, "rad", "roll of the camera against gravity, as read", required=False),
     coord("pose", "frame pose_element", REAL, "m, rad", "pose of the rig: x, y, z in m, rotation vector in rad"),
     truth("truth_column", "frame row return", REAL, "px", "column of the line's centre"),
     truth("truth_point", "frame row return xyz", REAL, "m", "illuminated point in the camera frame"),

@@ -18,6 +18,7 @@ from ..effect import no_light
 from ..model import Expected
 from ..request import Request
 from ..water.phase import phase_of
+from .attitude import inclination
 from .detected import bloomed, speckled
 from .even_light import even_light
 from .exposure import frame_settings
@@ -86,6 +87,7 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     rig = setting.rig
     full, scatters = request.rung == "full", request.rung != "direct" and phase_of(scene) is not None
     poses, coords = poses_of(rig)
+    coords |= inclination(rig, poses, request.seed, request.capture_key)
     ambient = ambient_e_per_s(rig, phase_index(scene.medium, rig.wavelength_m)) * rig.detector.exposure_s
     electrons = np.full((len(poses), rig.camera.rows, rig.camera.cols), ambient, dtype=np.float32)
     uneven = bool(rig.even_light_e_per_s)

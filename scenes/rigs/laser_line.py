@@ -36,20 +36,25 @@ def laser_line_rig(scene: RigScene) -> LaserLineRig:
 def _declare(scene: RigScene) -> dict[str, Any]:
     rig, medium = as_declared(scene, LaserLineRig)
     auto = {} if rig.auto_exposure is None else {"auto_exposure": rig.auto_exposure.model_dump(mode="json")}
+    meter = {} if rig.inclinometers is None else {"inclinometers": {"sigma_deg": rig.inclinometers.sigma_deg}}
     water = medium_data(medium, rig.wavelength_m)
-    return {
-        "schema": 1,
-        "kind": rig.kind,
-        "camera": camera_data(rig),
-        "lens_sigma_px": rig.lens_sigma_px,
-        "port": rig.port.model_dump(mode="json"),
-        "laser": sheet_data(rig, float(water["phase_index"])),
-        "medium": water,
-        "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
-        "ambient_e_per_s": ambient_e_per_s(rig, float(water["phase_index"])),
-        "frames": rig.frames.model_dump(mode="json"),
-        "t0_s": rig.t0_s,
-    } | auto
+    return (
+        {
+            "schema": 1,
+            "kind": rig.kind,
+            "camera": camera_data(rig),
+            "lens_sigma_px": rig.lens_sigma_px,
+            "port": rig.port.model_dump(mode="json"),
+            "laser": sheet_data(rig, float(water["phase_index"])),
+            "medium": water,
+            "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
+            "ambient_e_per_s": ambient_e_per_s(rig, float(water["phase_index"])),
+            "frames": rig.frames.model_dump(mode="json"),
+            "t0_s": rig.t0_s,
+        }
+        | auto
+        | meter
+    )
 
 
 def _check(scene: RigScene) -> None:

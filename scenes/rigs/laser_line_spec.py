@@ -9,6 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
+from .laser_line_attitude import Inclinometers
 from .laser_line_effects import LineEffects
 from .laser_line_exposure import AutoExposure
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
@@ -20,6 +21,7 @@ _Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
 #: Absent options are left out of the data.
 _OPTIONAL = (
     "effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s", "auto_exposure",
+    "inclinometers",
 )  # fmt: skip
 
 
@@ -33,7 +35,8 @@ class LaserLineRig(RigSpec):
     then that of a camera in the medium, and `laser_line_geometry.ambient_e_per_s` that behind the port.
     `even_light_e_per_s`: photoelectrons per second that a pixel on the axis collects from a white surface near the camera, under
     light that comes evenly from all sides and shows the target's albedo and texture.
-    `auto_exposure`: exposure and gain that follow the light, frame by frame; absent, they are the detector's.
+    `auto_exposure`: exposure and gain that follow the light, frame by frame; absent, they are the detector's. `inclinometers`:
+    the camera's attitude against gravity, read once per frame.
     """
 
     kind: Literal["laser_line"] = "laser_line"
@@ -53,6 +56,7 @@ class LaserLineRig(RigSpec):
     motion_m_per_s: Velocity | None = None
     turn_rad_per_s: tuple[_Turn, _Turn, _Turn] | None = None
     auto_exposure: AutoExposure | None = None
+    inclinometers: Inclinometers | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
