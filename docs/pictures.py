@@ -37,7 +37,7 @@ def table(run: Path) -> str:
     The efficiency is the harmonic mean over all scenes: 1/efficiency is a mean square; a scene without one leaves it out.
     """
     scores = pd.read_csv(run / "scores.csv", dtype={"level": str})
-    scores = scores[(scores.condition == "matched") & (scores.quantity == "range")]
+    scores = scores[(scores.condition == "matched") & (scores.quantity == "range") & scores.bound.notna()]
     scores["name"] = [
         e if not isinstance(p, str) or p in ("", "{}") else f"{e} ({p})"
         for e, p in zip(scores.estimator, scores.params, strict=True)

@@ -38,7 +38,8 @@ def panels_of(cells: list[Cell]) -> dict[Panel, list[Cell]]:
 def panel_title(panel: Panel, panels: dict[Panel, list[Cell]]) -> str:
     """The scene, with stage and quantity where the page has more than one."""
     several = len({(p[1], p[2]) for p in panels}) > 1
-    return f"{panel[0]}: {panel[1]} {panel[2]}".strip() if several else panel[0]
+    words = dict.fromkeys(word for word in panel[1:3] if word)  # a stage may be called as its quantity
+    return f"{panel[0]}: {' '.join(words)}" if several and words else panel[0]
 
 
 def speed_accuracy_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
