@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
+from marked import write_tables
 
 from beambench.benchmarks.report.page import write_report
 from beambench.benchmarks.report.pictures import png
@@ -83,29 +84,16 @@ def chart(run: Path, out: Path) -> None:
         shutil.copy(Path(name) / "speed-accuracy.png", out)
 
 
-def written(page: str, name: str, text: str) -> str:
-    """The page with the text between its marks replaced. Raises ValueError where a mark is missing."""
-    begin, end = f"<!-- table:{name} -->\n", f"<!-- end:{name} -->"
-    if page.count(begin) != 1 or page.count(end) != 1:
-        raise ValueError(f"laser-line.md has no single pair of marks {begin.strip()} and {end}")
-    before, _, rest = page.partition(begin)
-    return f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}"
-
-
 def main(run: Path) -> None:
     """Write docs/pictures/laser-line*.png and the tables of docs/laser-line.md."""
     folder = Path(__file__).parent
     pictures(folder / "pictures")
     chart(run, folder / "pictures" / "laser-line-speed-accuracy.png")
-    page = folder / "laser-line.md"
-    text = page.read_text(encoding="utf-8")
     wide = (
         "The same rig in air and in all waters: rms error (share of rows that fail), matched and calibrated.\n\n"
         f"{waters(run)}\n\n![error against CPU time in fresh and in coastal water, matched](pictures/laser-line-speed-accuracy.png)"
     )
-    for name, made in (("finders", table(run)), ("waters", wide)):
-        text = written(text, name, made)
-    page.write_text(text, encoding="utf-8")
+    write_tables(folder / "laser-line.md", {"finders": table(run), "waters": wide})
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+from marked import write_tables
 
 
 def breakdown(sweeps: list[Path]) -> str:
@@ -34,15 +35,6 @@ def _cell(row: pd.DataFrame) -> str:
     return f"{one.level10:.3g} [{low}, {high}] {one['mode']}"
 
 
-def written(page: str, name: str, text: str) -> str:
-    """The page with the text between its marks replaced. Raises ValueError where a mark is missing."""
-    begin, end = f"<!-- table:{name} -->\n", f"<!-- end:{name} -->"
-    if page.count(begin) != 1 or page.count(end) != 1:
-        raise ValueError(f"wavefront.md has no single pair of marks {begin.strip()} and {end}")
-    before, _, rest = page.partition(begin)
-    return f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}"
-
-
 def main(folder: Path) -> None:
     """Write the table of docs/wavefront.md from every sweep in the folder that is complete."""
     sweeps = sorted(path.parent for path in folder.glob("*/breakdown.csv"))
@@ -50,8 +42,7 @@ def main(folder: Path) -> None:
         raise SystemExit(
             f"{folder} holds no sweep with a breakdown.csv; run: beambench sweep stress-wavefront-flux -o {folder}/flux"
         )
-    page = Path(__file__).parent / "wavefront.md"
-    page.write_text(written(page.read_text(encoding="utf-8"), "breakdown", breakdown(sweeps)), encoding="utf-8")
+    write_tables(Path(__file__).parent / "wavefront.md", {"breakdown": breakdown(sweeps)})
 
 
 if __name__ == "__main__":

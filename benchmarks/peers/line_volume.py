@@ -16,8 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -31,6 +30,8 @@ from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.rigs.laser_line_geometry import line_sheet
 from ...scenes.scene import Scene
+from .mitransient_direct import squared_error
+from .volume_cost import timed
 
 __all__ = ["line_scene", "measured"]
 
@@ -130,12 +131,6 @@ class _Peer:
         return total / rounds
 
 
-def _timed(make: Callable[[], Image]) -> tuple[Image, float]:
-    begin = time.process_time()
-    image = make()
-    return image, time.process_time() - begin
-
-
 def _error(one: Image, two: Image, where: NDArray[np.bool_]) -> float:
     """Noise of one image over the image, of two with independent noise."""
     return float(np.sqrt(((one - two)[where] ** 2).sum() / (2.0 * (one * two)[where].sum())))
@@ -156,11 +151,11 @@ def measured(rows: int = 128, cols: int = 96, *, samples: int = 1024, reference:
     scene = line_scene(rows, cols)
     full = [_made(scene, "full", reference, seed) for seed in (1, 2)]
     _made(scene, "scatter", EPSILON / 3, 1)
-    runs = [_timed(lambda: _made(scene, "scatter", EPSILON / 3, 1)) for _ in range(5)]
+    runs = [timed(lambda: _made(scene, "scatter", EPSILON / 3, 1)) for _ in range(5)]
     ours, cost = runs[0][0], min(seconds for _, seconds in runs)
     peer = _Peer(scene)
     peer.image(2, 9)
-    (one, first), (two, second) = (_timed(partial(peer.image, samples, seed)) for seed in (11, 12))
+    (one, first), (two, second) = (timed(partial(peer.image, samples, seed)) for seed in (11, 12))
     line = np.abs(np.arange(cols) - np.argmax(ours, axis=1)[:, None]) <= _BESIDE_PX
     found: dict[str, Any] = {"rows": rows, "cols": cols, "epsilon": EPSILON, "goal": GOAL, "scatter_cpu_s": cost}
     # Both see the same light: the share of it beside the line is a check of the peer's scene.
@@ -169,9 +164,7 @@ def measured(rows: int = 128, cols: int = 96, *, samples: int = 1024, reference:
         "ours": float(full[0][~line].sum() / full[0].sum()),
     }
     for name, where in (("image", np.ones_like(line)), ("beside", ~line)):
-        own = np.sqrt(
-            max(float(((ours - full[0]) * (ours - full[1]))[where].sum() / (full[0] * full[1])[where].sum()), 0.0)
-        )
+        own = np.sqrt(max(squared_error(ours[where], full[0][where], full[1][where]), 0.0))
         noise = _error(one, two, where)
         needed = samples * (noise / EPSILON) ** 2
         peer_s = 0.5 * (first + second) * needed / samples

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,10 @@ from ...scenes.scene import Scene
 from .mitransient_direct import equal_error_cost, squared_error
 from .mitransient_volume import MitransientVolume
 
-__all__ = ["compare_with_peer", "compare_with_scatter", "water_scene"]
+__all__ = ["compare_with_peer", "compare_with_scatter", "timed", "water_scene"]
 
 Stack = NDArray[np.float32]
+Made = TypeVar("Made")
 
 #: a, b [1/m] (Petzold 1972, 514 nm) and the wall's range [m]. At .9 m of harbour water the small-angle picture of
 #: `scatter` errs by 1.1 %; at .8 m it is valid at 1 %.
@@ -112,7 +113,8 @@ class _Rungs:
         return self._signal(found.direct) + scattered_electrons(self.scene, found, self.coords["gate"], *self.settings)
 
 
-def _timed(make: Callable[[], Stack]) -> tuple[Stack, float]:
+def timed(make: Callable[[], Made]) -> tuple[Made, float]:
+    """What `make` makes, and its CPU seconds of all threads."""
     start = time.process_time()
     stack = make()
     return stack, time.process_time() - start
@@ -125,7 +127,7 @@ def _measure(
     rows = []
     for seed in range(seeds):
         for n in counts:
-            stack, seconds = _timed(partial(make, n, seed))
+            stack, seconds = timed(partial(make, n, seed))
             rows.append((n, squared_error(stack, *refs), seconds))
     columns = np.array(rows, dtype=float).T
     return dict(zip(("n", "e2", "cost"), columns, strict=True))
@@ -186,7 +188,7 @@ def compare_with_scatter(name: str, seeds: int, size: int, most: int = 2400, eps
     refs = tuple(rungs.full(top * (4 if size < 64 else 1), seed, 5e-4) for seed in (10_001, 10_002))
     full = _measure(lambda n, seed: rungs.full(n, seed, 0.3 * epsilon), counts, seeds, (refs[0], refs[1]))
     rungs.scatter(0.3 * epsilon)
-    runs = [_timed(lambda: rungs.scatter(0.3 * epsilon)) for _ in range(seeds)]
+    runs = [timed(lambda: rungs.scatter(0.3 * epsilon)) for _ in range(seeds)]
     error = float(np.sqrt(max(squared_error(runs[0][0], refs[0], refs[1]), 0.0)))
     seconds = float(np.median([s for _, s in runs]))
     cost, remark = _cost_at(full, epsilon, True)

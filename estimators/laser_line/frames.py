@@ -51,7 +51,11 @@ class Scale:
     def of_gains(self, capture: xr.Dataset) -> Scale:
         """The scale whose rounding is that of the least `gain` of the frames: stated errors are then never too small."""
         least = float(_per_frame(capture, "gain").min()) if capture.sizes["frame"] else 1.0
-        return replace(self, floor_e2=self.floor_e2 + (least**-2 - 1.0) / (12.0 * self.dn_per_e**2))
+        return replace(self, floor_e2=float(self.floor_at(least)))
+
+    def floor_at(self, gain: Float | float) -> Float | float:
+        """Variance of a pixel without light [photoelectrons²] at a gain of a frame: only the rounding's part changes."""
+        return self.floor_e2 + (gain**-2 - 1.0) / (12.0 * self.dn_per_e**2)
 
     def electrons(self, counts: npt.NDArray[Any]) -> Float:
         """Photoelectrons of counts [DN]."""
@@ -70,8 +74,8 @@ class Scale:
     def deads_dn(self, gain: Float) -> Float:
         """The counts (frame) [DN] at and below which a pixel of frames of these gains is no datum: 0 where the offset lies 8
         standard deviations of the floor, read noise at that gain and the converter's step, above it; −inf where it does not."""
-        floor_e2 = self.floor_e2 + (gain**-2 - 1.0) / (12.0 * self.dn_per_e**2)
-        return np.where(self.offset_dn > 8.0 * self.dn_per_e * gain * np.sqrt(floor_e2), 0.0, -np.inf)
+        sigma_dn = self.dn_per_e * gain * np.sqrt(self.floor_at(gain))
+        return np.where(self.offset_dn > 8.0 * sigma_dn, 0.0, -np.inf)
 
 
 def _ends(rig: DeclaredRig, converter: Converter) -> tuple[float, float]:

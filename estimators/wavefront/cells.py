@@ -261,12 +261,11 @@ def measured(
             cells = cells_of(images, rig, exposures=exposures, least_sigmas=least_sigmas)
             one = method(cells)
             one = Found(one.position, one.variance, one.good & cells.sound)
-        with np.errstate(invalid="ignore"):
-            near = (np.abs(one.position) <= 0.5 * geometry.pitch_px).all(axis=1)
-        return Found(one.position, one.variance, one.good & near)
+        return _within(one, geometry.pitch_px)
 
     origin = found(reference[None], rig.whole("reference.exposures"))
-    lock = _locking(cells_of(reference[None], rig), method)
+    flat = cells_of(reference[None], rig)
+    lock = _locking(flat, method)
     lenslets = len(geometry.place_px)
     some = max(_AT_ONCE // lenslets, 1)
     if search == "cell":
@@ -279,8 +278,15 @@ def measured(
         np.concatenate([one.variance for one in parts]).reshape(*shape, 2),
         np.concatenate([one.good for one in parts]).reshape(shape),
     )
-    _check_reference(origin.good, first_guess(cells_of(reference[None], rig))[:, :2], geometry)
+    _check_reference(origin.good, first_guess(flat)[:, :2], geometry)
     return relative(frames, origin, usable, geometry, lock)
+
+
+def _within(found: Found, width_px: float) -> Found:
+    """What lies in its cell; a spot that is found outside is another's."""
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(found.position) <= 0.5 * width_px).all(axis=1)
+    return Found(found.position, found.variance, found.good & near)
 
 
 def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sigmas: float) -> Found:
@@ -296,16 +302,15 @@ def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sig
     shift = np.zeros(geometry.place_px.shape)
     width = geometry.pitch_px
     if held.any():
-        shift[held] = np.rint(spots[owner[held]] - geometry.place_px[held])
-        if held.sum() > 1:
-            apart: Any = cKDTree(spots[owner[held]]).query(spots[owner[held]], 2)[0]
+        own = spots[owner[held]]
+        shift[held] = np.rint(own - geometry.place_px[held])
+        if len(own) > 1:
+            apart: Any = cKDTree(own).query(own, 2)[0]
             width = min(width, float(np.median(apart[:, 1])))
     moved = replace(geometry, place_px=geometry.place_px + shift, pitch_px=width)
     cells = cells_of(image[None], rig, least_sigmas=least_sigmas, moved=moved)
-    one = method(cells)
-    with np.errstate(invalid="ignore"):
-        near = (np.abs(one.position) <= 0.5 * width).all(axis=1)
-    return Found(one.position + shift, one.variance, one.good & cells.sound & near & held)
+    one = _within(method(cells), width)
+    return Found(one.position + shift, one.variance, one.good & cells.sound & held)
 
 
 def _gravity(images: npt.NDArray[Any], rig: DeclaredRig, exposures: int, least_sigmas: float) -> Found:

@@ -68,14 +68,14 @@ def assigned_spots(places: Float, spots: Float, pitch_px: float) -> Index:
     tree, lattice = cKDTree(spots), cKDTree(places)
     near: Any = lattice.query_ball_point(places, _STEP * pitch_px)
     around: Any = lattice.query_ball_point(places, _REACH * pitch_px)
-    best, best_key = none, (0, 0.0)
+    best, best_key = none, (-1, 0.0)
     for lenslet, spot in _first(places, spots, pitch_px, tree):
         owner = _grown(places, spots, pitch_px, tree, (near, around), lenslet, spot)
         held = owner >= 0
         away = float(np.linalg.norm((spots[owner[held]] - places[held]).mean(axis=0))) / pitch_px
         # Of two assignments whose numbers differ by less than a fiftieth, the nearer one.
         key = (round(50.0 * float(held.sum()) / len(places)), -away)
-        if best is none or key > best_key:
+        if key > best_key:
             best, best_key = owner, key
         if held.sum() >= _ENOUGH * min(len(places), len(spots)) and away < 0.5:
             break
@@ -87,8 +87,7 @@ def _first(places: Float, spots: Float, pitch_px: float, tree: cKDTree) -> list[
     around: Any = tree.query_ball_point(places, _FIRST * pitch_px)
     crowd = [len(found) for found in around]
     lenslet = int(np.argmax(np.array(crowd) - 1e-3 * np.linalg.norm(places - places.mean(axis=0), axis=1) / pitch_px))
-    found = tree.query_ball_point(places[lenslet], _FIRST * pitch_px)
-    found.sort(key=lambda spot: float(np.linalg.norm(spots[spot] - places[lenslet])))
+    found = sorted(around[lenslet], key=lambda spot: float(np.linalg.norm(spots[spot] - places[lenslet])))
     return [(lenslet, int(spot)) for spot in found[:_MOST_FIRST]]
 
 
