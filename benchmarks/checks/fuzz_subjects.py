@@ -139,9 +139,12 @@ def _meshes(folder: Path) -> None:
     (folder / "a.gltf").write_text(json.dumps(_gltf()))
     (folder / "a.bin").write_bytes(corners.tobytes())
     vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in corners)
+    components = '<components><component objectid="1"/></components>'
     model = (
-        f'<model xmlns="{_SPACE}"><resources><object id="1"><mesh><vertices>{vertices}</vertices><triangles><triangle v1="0" v2="1" '
-        'v3="2"/></triangles></mesh></object><object id="2"><components><component objectid="1"/></components></object></resources>'
+        f'<model xmlns="{_SPACE}"><resources><object id="1"><mesh><vertices>{vertices}</vertices><triangles>'
+        '<triangle v1="0" v2="1" v3="2"/></triangles></mesh></object><object id="2">'
+        f"{components}</object>"
+        "</resources>"
         '<build><item objectid="2" transform="1 0 0 0 1 0 0 0 1 0 0 0"/></build></model>'
     )
     with zipfile.ZipFile(folder / "a.3mf", "w", zipfile.ZIP_STORED) as package:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -86,7 +87,7 @@ def _packed(content: bytes, rng: np.random.Generator) -> bytes:
         return _word(content, rng)
     try:
         return gzip.compress(mutated(gzip.decompress(content), rng), 1)
-    except (OSError, EOFError, ValueError):
+    except (OSError, EOFError, ValueError, zlib.error):
         return content
 
 

@@ -16,8 +16,8 @@ Int = NDArray[np.int64]
 #: The content of a file that a mesh file names, by its name as it stands there. ValueError where there is none.
 Fetch = Callable[[str], bytes]
 
-#: Corners that are tried as ears, times the corners that are left: half a minute. Each costs as much as some hundred corners.
-_MOST_CUTS, _EACH = 5 * 10**8, 500
+#: Corners that are tried as ears, times the corners that are left: ten seconds. Each costs as much as some hundred corners.
+_MOST_CUTS, _EACH = 10**8, 500
 _CROSSED = "a face crosses itself, so that its inside is not defined"
 
 
@@ -121,14 +121,14 @@ def _convex(points: Float) -> NDArray[np.bool_]:
 def _ears(points: Float, budget: Budget) -> Int:
     """Triangles (k − 2, 3) of one polygon (k, 3), by its corners' numbers."""
     flat = _flattened(points)
-    left = list(range(len(flat)))
+    left = np.arange(len(flat))
     out = []
     while len(left) > 3:
         best = next((i for i in range(len(left)) if _is_ear(flat, left, i, budget)), None)
         if best is None:
             raise ValueError(_CROSSED)
         out.append((left[best - 1], left[best], left[(best + 1) % len(left)]))
-        del left[best]
+        left = np.delete(left, best)
     a, b, c = (flat[k] for k in left)
     if (
         _cross(b - a, c - a) < -1e-12 * np.ptp(flat, axis=0).max() ** 2
@@ -137,7 +137,7 @@ def _ears(points: Float, budget: Budget) -> Int:
     return np.array([*out, tuple(left)], dtype=np.int64)
 
 
-def _is_ear(flat: Float, left: list[int], i: int, budget: Budget) -> bool:
+def _is_ear(flat: Float, left: Int, i: int, budget: Budget) -> bool:
     budget.spend(_EACH + len(left))
     a, b, c = flat[left[i - 1]], flat[left[i]], flat[left[(i + 1) % len(left)]]
     if _cross(b - a, c - a) <= 0:
