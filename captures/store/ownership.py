@@ -131,3 +131,5 @@ def settle_replacement(path: Path) -> None:
         aside.rmdir()  # the last step of a removal
     if is_ours(path):
         (path / _REPLACED).unlink(missing_ok=True)
+        if all(regular_size(path / name) is not None for name in (MANIFEST, MANIFEST_SUM, RECORD)):
+            (path / JOURNAL).unlink(missing_ok=True)  # the last step of a store's completion

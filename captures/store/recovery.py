@@ -13,6 +13,7 @@ from ...scenes.errors import InputError
 from .arrays import CAPACITY, metadata_files
 from .journal import Journal, read_journal, refuse_busy, write_file
 from .manifest import Mark, load_manifest
+from .ownership import settle_replacement
 from .publish import disk_error, is_store, partial_of, publish
 from .reader import CaptureSet, unchecked_captures
 from .remake import Again, Make
@@ -83,6 +84,10 @@ def repair(path: str | os.PathLike[str], *, overwrite: bool = False, make: Make 
 
 
 def _repair_store(root: Path, make: Make | None) -> Recovery:
+    try:
+        settle_replacement(root)
+    except OSError as error:
+        raise disk_error(error, "Repairing the store", root) from error
     damage = _readable(root, verify(root))
     foreign = [entry for entry in damage if entry.problem == FOREIGN]
     if foreign:
@@ -188,6 +193,10 @@ def _names(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     given = Path(path).expanduser()
     final = given.with_name(given.name.removesuffix(".partial")) if given.name.endswith(".partial") else given
     partial = partial_of(final)
+    try:
+        settle_replacement(final)
+    except OSError as error:
+        raise disk_error(error, "Completing the store", final) from error
     if not is_store(partial):
         state = "The store is already complete" if is_store(final) else "There is no unfinished store"
         raise InputError(f"{state}: there is no {partial.name}.", where=str(given), allowed="a .partial folder")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .gltf_data import GltfData
-from .surface import Budget, Fetch, Surface, joined
+from .surface import EACH_PART, Budget, Fetch, Surface, joined
 
 __all__ = ["read_gltf"]
 
@@ -49,7 +49,7 @@ def _node(data: GltfData, index: Any, above: np.ndarray, depth: int, budget: Bud
         raise ValueError("a node is part of itself")
     node = data.item("nodes", index)
     place = above @ _transform(node)
-    budget.spend(1)
+    budget.spend(EACH_PART)
     parts = []
     if "mesh" in node:
         if "skin" in node:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Budget", "Fetch", "Surface", "joined", "triangles_of"]
+__all__ = ["EACH_PART", "Budget", "Fetch", "Surface", "joined", "triangles_of"]
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -29,6 +29,10 @@ class Surface:
     vertices: Float
     faces: Int
     uv: Float | None = None
+
+
+#: What a part costs of a `Budget` beside its corners: it takes some hundred times the memory of a corner.
+EACH_PART = 100
 
 
 class Budget:

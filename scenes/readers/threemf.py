@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .surface import Budget, Fetch, Surface, joined
+from .surface import EACH_PART, Budget, Fetch, Surface, joined
 
 __all__ = ["read_3mf"]
 
@@ -75,7 +75,7 @@ def _plain(package: zipfile.ZipFile, name: str) -> bytes:
 def _parts(objects: dict[str, Any], item: Any, place: np.ndarray, depth: int, budget: Budget) -> list[Surface]:
     """The meshes of an item or component, moved by the rows-times-matrix transforms on the way to it."""
     place = _transform(item.get("transform")) @ place
-    budget.spend(1)
+    budget.spend(EACH_PART)
     found = objects.get(item.get("objectid", ""))
     if found is None or depth > _DEEPEST:
         raise ValueError(f"object {item.get('objectid')!r} is not in the file, or made of itself")
