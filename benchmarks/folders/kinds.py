@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from ...scenes.json_keys import read_json
 
 __all__ = ["BREAK", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
 
@@ -53,7 +54,7 @@ def _read(path: Path) -> dict[str, Any]:
     """The JSON object in a file (in the first line of a .jsonl), {} where there is none."""
     try:
         with open(path, encoding="utf-8") as file:
-            value = json.loads(file.readline() if path.suffix == ".jsonl" else file.read())
+            value = read_json(file.readline() if path.suffix == ".jsonl" else file.read())
     except (OSError, ValueError):
         return {}
     return value if isinstance(value, dict) else {}
