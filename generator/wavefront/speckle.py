@@ -28,7 +28,7 @@ __all__ = ["Speckle", "disc_field"]
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_WAVES = 1024
+_WAVES = 256
 #: Fewest samples over the width λr/D of a speckle.
 _LEAST_SAMPLES = 2.0
 
