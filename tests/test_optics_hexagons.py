@@ -10,8 +10,7 @@ from beambench.optics.lenslets.hexagons import HexagonSpot, hexagon_coverage, he
 
 
 def test_the_pattern_is_the_fourier_transform_of_a_hexagon() -> None:
-    """Gauss-Legendre nodes over x, exact over y: |∫ e^{−2πiν·x}|² over the area, at random frequencies and where a side is square to
-    them."""
+    """Gauss-Legendre nodes over x, exact over y: |∫ e^{−2πiν·x}|² over the area, at random frequencies and square to a side."""
     node, weight = np.polynomial.legendre.leggauss(200)
     x, w = 0.25 * (node + 1.0), 0.25 * weight  # 0 … ½; the other half is the mirror image
     high = 1.0 / np.sqrt(3.0) - x / np.sqrt(3.0)

@@ -55,7 +55,10 @@ def test_three_rings_about_the_middle_lenslet_are_used() -> None:
 
 def test_a_square_rig_declares_and_writes_nothing_new() -> None:
     square = load_scene("gated-turbulence", {})
-    assert "grid" not in declared_rig(square)["lenslets"] and "missing_share" not in square.model_dump(mode="json")["rig"]["lenslets"]
+    assert (
+        "grid" not in declared_rig(square)["lenslets"]
+        and "missing_share" not in square.model_dump(mode="json")["rig"]["lenslets"]
+    )
     assert declared_rig(hexagons())["lenslets"]["grid"] == "hexagonal"
 
 
@@ -105,25 +108,26 @@ def test_slopes_are_averages_over_the_hexagon() -> None:
     np.testing.assert_allclose(found, want, atol=2e-3 * np.abs(want).max())
 
 
-def test_the_bound_is_the_information_of_its_own_spot_and_maximum_likelihood_is_near_it() -> None:
-    """Spots of the written closed form, 3,000 photoelectrons, 37 lenslets in 40 frames: the declared product of two profiles costs
-    some per cent; the ratio of variances has a standard error of √(2/2960) = 2.6 %."""
+@pytest.mark.parametrize(("light", "least"), [(300.0, 0.9), (3000.0, 0.9), (30000.0, 0.8)])
+def test_maximum_likelihood_is_near_the_bound(light: float, least: float) -> None:
+    """Spots of the written closed form, 37 lenslets in 40 frames: the declared product of two profiles costs some per cent; the
+    ratio of variances has a standard error of √(2/2960) = 2.6 %."""
     scene = hexagons(**{"rig.frames.count": 40})
     slope = 0.08 / PER_RAD * np.random.default_rng(4).standard_normal((40, 37, 2))
-    capture = written_capture(scene, 3000.0, 2.0, slope, seed=5)
+    capture = written_capture(scene, light, 2.0, slope, seed=5)
     bound = wavefront_bounds(capture)["spot"]
-    assert bound.kind == "exact"
+    assert bound.kind == ("exact" if light > 1000.0 else "quasi")
     found = run_estimator("spot-ml", hide_truth(capture))
     lattice = lattice_of(wavefront_rig(scene))
     error = found["spot"].values - np.stack([lattice.col_px, lattice.row_px], axis=1) - slope * PER_RAD
     assert found["valid"].values.all()
-    assert 0.9 < np.mean(bound.sigma**2) / np.mean(error**2) < 1.07
-    assert 0.93 < np.sqrt(np.mean((error / found["sigma"].values) ** 2)) < 1.07
+    assert least < np.mean(bound.sigma**2) / np.mean(error**2) < 1.07
+    assert 0.93 < np.sqrt(np.mean((error / found["sigma"].values) ** 2)) < 1.1
 
 
 def test_the_bound_is_that_of_pixels_integrated_one_by_one() -> None:
-    """One lenslet, 1e5 photoelectrons: F = Σ ∂μ ∂μᵀ/(μ + σ²) over a window of a pitch to either side, by quadrature of the pattern's
-    closed form and its differences. Of the exact likelihood J is above 1/(μ + σ²) by less than 1/2μ."""
+    """One lenslet, 1e5 photoelectrons: F = Σ ∂μ ∂μᵀ/(μ + σ²) over a window of a pitch to either side, by quadrature of the
+    pattern's closed form and its differences. Of the exact likelihood J is above 1/(μ + σ²) by less than 1/2μ."""
     others = [[r, c] for r in range(7) for c in range(7) if (r, c) != (3, 3)]
     rig = wavefront_rig(hexagons(**{"rig.lenslets.missing": others}))
     at, width = np.array([41.3, 41.6]), 532e-9 * 6.7e-3 / 150e-6 / PIXEL
@@ -160,7 +164,9 @@ def test_least_squares_average_over_hexagons_and_state_their_noise() -> None:
     rad = np.random.default_rng(6).standard_normal(9)
     centre = np.stack([lattice.x_m, lattice.y_m], axis=1)
     slope = (mean_gradients(range(2, 11), centre, hexagon(150e-6), 0.5e-3) @ rad * 532e-9 / (2 * np.pi))[None]
-    made = stage_result("assignment", slope=slope, sigma=np.full(slope.shape, 1e-6), valid=np.ones(slope.shape[:2], bool))
+    made = stage_result(
+        "assignment", slope=slope, sigma=np.full(slope.shape, 1e-6), valid=np.ones(slope.shape[:2], bool)
+    )
     least = get_estimator("zernike-ls").function
     np.testing.assert_allclose(least(made, rig)["zernike"].values[0], rad, atol=1e-9)
     tilts = least(made, rig, modes=3)["sigma"].values[0]

@@ -55,7 +55,11 @@ def disc(x: Any, y: Any) -> tuple[Any, Any, Any]:
     """μ = 2J₁(v)/v, ∂μ/∂x, ∂²μ/∂x²: with (J₁/v)' = −J₂/v and (J₂/v²)' = −J₃/v²."""
     a = np.pi * BEAM / (WAVE / phase_index(scene_of().medium, WAVE) * RANGE)
     v = a * np.hypot(x, y)
-    return 2 * j1(v) / v, -2 * a**2 * x * jv(2, v) / v**2, 2 * a**4 * x**2 * jv(3, v) / v**3 - 2 * a**2 * jv(2, v) / v**2
+    return (
+        2 * j1(v) / v,
+        -2 * a**2 * x * jv(2, v) / v**2,
+        2 * a**4 * x**2 * jv(3, v) / v**3 - 2 * a**2 * jv(2, v) / v**2,
+    )
 
 
 def test_a_field_is_gaussian_with_the_covariance_of_a_disc() -> None:
@@ -75,7 +79,7 @@ def test_a_field_is_gaussian_with_the_covariance_of_a_disc() -> None:
 
 @pytest.mark.parametrize(("looks", "frames"), [(1, 1000), (16, 300)])
 def test_the_contrast_of_a_lenslets_light_is_that_of_m_patterns(looks: int, frames: int) -> None:
-    """σ²/⟨N⟩² = ⟨|μ|²⟩ over pairs of points of the lenslet, over M (Goodman 2007, sec. 4.6): 1/M but for what the lenslet averages. The
+    """σ²/⟨N⟩² = ⟨|μ|²⟩ over pairs of points of the lenslet, over M (Goodman 2007, sec. 4.6): 1/M but for what it averages. The
     standard error of a variance of a gamma law of shape M is √((2 + 6/M)/n); four of them, and 2 % for the samples."""
     capture = lit(looks, frames, 3)
     light = capture["truth_electrons"].values.sum(axis=(1, 2)) - capture["truth_background"].values * 44 * 44
@@ -119,8 +123,8 @@ def test_speckle_moves_spots_as_its_covariance_says() -> None:
 
 
 def test_one_pattern_moves_spots_as_a_field_made_by_fourier_transform() -> None:
-    """M = 1: the ratio has a heavy tail, so that medians of |s| are compared with 2,000 fields of an own code (white noise, cut by a
-    disc in frequency); a median of n has the relative standard error of some 1.3/√n here."""
+    """M = 1: the ratio has a heavy tail, so that medians of |s| are compared with 2,000 fields of an own code (white noise, cut by
+    a disc in frequency); a median of n has the relative standard error of some 1.3/√n here."""
     rng, size, per = np.random.default_rng(6), 96, 8
     step = PITCH / per
     f = np.fft.fftfreq(size, step)
@@ -141,16 +145,21 @@ def test_truth_is_the_waters_and_the_bound_does_not_claim_to_know_speckle() -> N
     with_it, without = lit(16, 300, 3), generate(scene_of(**{"rig.frames.count": 300}), seed=3, fidelity="geometric")
     for name in ("truth_slope", "truth_flux", "truth_zernike", "truth_field"):
         np.testing.assert_array_equal(with_it[name].values, without[name].values)
-    small, again = (generate(scene_of(**{"rig.effects": {"speckle_looks": 4}}), seed=3, fidelity="geometric") for _ in range(2))
+    small, again = (
+        generate(scene_of(**{"rig.effects": {"speckle_looks": 4}}), seed=3, fidelity="geometric") for _ in range(2)
+    )
     assert np.array_equal(small["counts"], again["counts"])
     assert wavefront_bounds(small)["spot"].kind == "quasi"
     named = {one["name"]: one for one in json.loads(small.attrs["fidelity"])["effects"]}
-    assert named["speckle of a diffuse target"]["modelled"] and named["speckle of a diffuse target"]["predicted_relative_size"] == 0.5
+    assert (
+        named["speckle of a diffuse target"]["modelled"]
+        and named["speckle of a diffuse target"]["predicted_relative_size"] == 0.5
+    )
 
 
 @pytest.mark.parametrize("rung", ["isolated", "coherent"])
 def test_fields_carry_speckle_too(rung: Any) -> None:
-    """The lit place is .6 px wide in the image: spots of 32 patterns are as bright on the whole, and wider, as with the light of a disc."""
+    """The lit place is .6 px wide in the image: spots of 32 patterns are as bright in all, and wider."""
     scene = scene_of(**{"rig.effects": {"speckle_looks": 32}, "rig.frames.count": 2})
     one, other = (
         generate(one, seed=8, fidelity=rung, truth_electrons=True)["truth_electrons"].values.mean(axis=0)
@@ -172,7 +181,12 @@ def test_a_mirror_and_speckle_finer_than_samples_are_refused() -> None:
 
 def test_a_platform_that_turns_tilts_frames_and_not_the_reference() -> None:
     """2 × 400 angles of 1 mrad rms: a standard error of 2.5 %, four of them; truth, spots and the field agree."""
-    change = {"rig.effects": {"pointing_jitter_rad": 1e-3}, "rig.frames.count": 400, "rig.reflection": "mirror", "rig.laser.pulse_energy_j": 1e-10}
+    change = {
+        "rig.effects": {"pointing_jitter_rad": 1e-3},
+        "rig.frames.count": 400,
+        "rig.reflection": "mirror",
+        "rig.laser.pulse_energy_j": 1e-10,
+    }
     capture = generate(scene_of(**change), seed=9, capture_key=1, fidelity="geometric", truth_electrons=True)
     slope = capture["truth_slope"].values[:, 0]
     assert abs(slope.std() / 1e-3 - 1.0) < 0.1 and np.abs(slope.mean(axis=0)).max() < 4 * 1e-3 / 20
@@ -207,7 +221,9 @@ def test_lenslets_lost_by_chance_are_nested_and_as_many_as_asked() -> None:
             "rig.camera.rows": 96, "rig.camera.cols": 96}  # fmt: skip
     held = {}
     for share in (0.0, 0.1, 0.37, 0.9):
-        lattice = lattice_of(wavefront_rig(scene_of(**base, **{"rig.lenslets.missing_share": share, "rig.lenslets.missing_seed": 4})))
+        lattice = lattice_of(
+            wavefront_rig(scene_of(**base, **{"rig.lenslets.missing_share": share, "rig.lenslets.missing_seed": 4}))
+        )
         held[share] = set(zip(lattice.row.tolist(), lattice.col.tolist(), strict=True))
         assert len(held[share]) == 100 - round(100 * share)
     assert held[0.9] < held[0.37] < held[0.1] < held[0.0]

@@ -103,13 +103,16 @@ def spot_sigma(rig: WavefrontRig, at: Float, flux: Float, level: float) -> Float
 
 
 def _shares(rig: WavefrontRig, at: Float, col: npt.NDArray[np.int64], row: npt.NDArray[np.int64]) -> list[Float]:
-    """[∂P/∂x, ∂P/∂y, P] (lenslet, rows, cols) of spots at `at` in the pixels of columns (lenslet, cols) and rows (lenslet, rows)."""
+    """[∂P/∂x, ∂P/∂y, P] (lenslet, rows, cols) of spots at `at` in pixels of columns (lenslet, cols) and rows (lenslet, rows)."""
     if rig.lenslets.hexagonal:
         spot = hexagon_spot(spot_px(rig), spot_reach_px(rig))
 
         def held(d_row: int, d_col: int) -> Float:
             # Clipped indices repeat where a window leaves the image: the table takes rising places only.
-            steps = [np.arange(one.shape[1]) + np.rint(at[:, axis, None]) - one.shape[1] // 2 for axis, one in ((1, row), (0, col))]
+            steps = [
+                np.arange(one.shape[1]) + np.rint(at[:, axis, None]) - one.shape[1] // 2
+                for axis, one in ((1, row), (0, col))
+            ]
             return np.stack([
                 spot.shares(y - b, x - a, d_row=d_row, d_col=d_col) for y, x, (a, b) in zip(*steps, at, strict=True)
             ])  # fmt: skip

@@ -28,8 +28,9 @@ _FINE = 1024
 class Geometry:
     """Lenslets as declared.
 
-    hexagonal: whether lenslets are hexagons with two edges parallel to y, else squares. place_px (lenslet, axis): column and row of the spot of a flat wavefront. site (lenslet, 2): row and column in the array.
-    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. rad_per_px: slope that moves a spot by 1 px.
+    place_px (lenslet, axis): column and row of the spot of a flat wavefront. site (lenslet, 2): row and column in the array.
+    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. hexagonal: whether lenslets are hexagons with two
+    edges parallel to y, else squares. rad_per_px: slope that moves a spot by 1 px.
     """
 
     place_px: Float
@@ -98,7 +99,8 @@ def declared_geometry(rig: DeclaredRig) -> Geometry:
         centre_m=np.stack([lists["x_m"], lists["y_m"]], axis=1),
         pitch_m=pitch,
         pitch_px=pitch / pixel,
-        hexagonal=rig.get("lenslets.grid") is not None and rig.word("lenslets.grid", "square", "hexagonal") == "hexagonal",
+        hexagonal=rig.get("lenslets.grid") is not None
+        and rig.word("lenslets.grid", "square", "hexagonal") == "hexagonal",
         rotation_rad=rig.number("lenslets.rotation_rad"),
         rad_per_px=pixel / focal,
         wavelength_m=rig.number("laser.wavelength_m"),

@@ -52,7 +52,11 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
 
 def _pointing(rig: WavefrontRig) -> list[Effect]:
     jitter = None if rig.effects is None else rig.effects.pointing_jitter_rad
-    return [] if jitter is None else [effect("pointing of the platform", True, None, f"{jitter:g} rad rms, from frame to frame")]
+    return (
+        []
+        if jitter is None
+        else [effect("pointing of the platform", True, None, f"{jitter:g} rad rms, from frame to frame")]
+    )
 
 
 def _speckle(rig: WavefrontRig) -> list[Effect]:

@@ -1,13 +1,13 @@
 """Speckle of a diffuse target: the field of a rough disc of even light, in the pupil.
 
-A point of the disc at an angle α sends a plane wave of frequency α/λ; all have independent circular Gaussian amplitudes, so that the field
-g is circular Gaussian of unit mean power, with van Cittert's and Zernike's covariance
+A point of the disc at an angle α sends a plane wave of frequency α/λ; all have independent circular Gaussian amplitudes, so that
+the field g is circular Gaussian of unit mean power, with van Cittert's and Zernike's covariance
 
     ⟨g(x) g*(x')⟩ = 2 J₁(v)/v,    v = π D |x − x'|/(λ r),
 
-D the diameter of the disc, r its range, λ the wavelength in the water. A draw adds `_WAVES` waves from random points of the disc: that
-covariance holds on the average over draws, and products of two covariances err by 1/_WAVES. The field multiplies that of a point
-source, as if all points of the disc saw the same turbulence. M patterns of independent draws add as irradiances.
+D the diameter of the disc, r its range, λ the wavelength in the water. A draw adds `_WAVES` waves from random points of the disc:
+that covariance holds on the average over draws, and products of two covariances err by 1/_WAVES. The field multiplies that of a
+point source, as if all points of the disc saw the same turbulence. M patterns of independent draws add as irradiances.
 
 Source: J. W. Goodman, Speckle Phenomena in Optics, 2007, sec. 3.3 (sums of patterns), 4.4 (van Cittert and Zernike).
 """
@@ -34,7 +34,8 @@ _LEAST_SAMPLES = 2.0
 
 
 class Speckle:
-    """The patterns of all frames; without the effect, one factor of 1. `step_m`: distance of samples in the water; `wavelength_m` there."""
+    """The patterns of all frames; without the effect, one factor of 1. `step_m`: distance of samples in the water, `wavelength_m`
+    there."""
 
     def __init__(self, rig: WavefrontRig, side: int, step_m: float, wavelength_m: float, seed: int, key: int) -> None:
         self.looks = 0 if rig.effects is None else rig.effects.speckle_looks or 0

@@ -5,9 +5,9 @@ the frequency ν = (X, Y)/λf is
 
     A(ν) = Σ_rhombi |p × q| sinc(ν·p) sinc(ν·q) e^{−iπν·(p + q)},    sinc t = sin(πt)/(πt),    A(0) = √3/2 a²,
 
-which is real. The light per area is |A|²/(λf)² of a wave of unit irradiance, and |A|²/(A(0) (λf)²) its share. Two edges are parallel
-to y, two corners lie on the y axis. The pattern has no frequency above 2/√3 a/λf, so that its integrals over pixels are
-smooth: they are tabulated and interpolated by cubic splines.
+which is real. The light per area is |A|²/(λf)² of a wave of unit irradiance, and |A|²/(A(0) (λf)²) its share. Two edges are
+parallel to y, two corners lie on the y axis. The pattern has no frequency above 2/√3 a/λf, so that its integrals over pixels
+are smooth: they are tabulated and interpolated by cubic splines.
 
 Source: J. W. Goodman, Introduction to Fourier Optics, 2005, sec. 2.1 and 4.4; the sum over rhombi is derived here.
 """
