@@ -29,8 +29,8 @@ class Geometry:
     """Lenslets as declared.
 
     place_px (lenslet, axis): column and row of the spot of a flat wavefront. site (lenslet, 2): row and column in the array.
-    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. hexagonal: whether lenslets are hexagons with two
-    edges parallel to y, else squares. rad_per_px: slope that moves a spot by 1 px.
+    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. hexagonal: whether lenslets are hexagons with
+    two edges parallel to y, else squares. rad_per_px: slope that moves a spot by 1 px.
     """
 
     place_px: Float
