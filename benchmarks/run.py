@@ -31,7 +31,7 @@ from .scores.tables import sort_rows, write_tables
 from .scores.truth import Bound, Truth, aligned, errors_of
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
-from .suites.suite import Cell, Loaded, cells_of, load_suite
+from .suites.suite import Cell, Loaded, cells_of, check_rungs, load_suite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,6 +89,7 @@ def run_suite(
     check_split(split)
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
     cells = cells_of(loaded, split)
+    check_rungs(cells, loaded.suite.rtol)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
     settings: dict[str, Any] = {"verb": RUN.verb, "split": split}
 
@@ -228,7 +229,7 @@ class _Run:
         path = self._store(cell)
         if path.exists():  # when resuming: a store under its final name is complete, and checked on reading
             return open_captures(path)[0]
-        fidelity: Any = self.suite.fidelity
+        fidelity: Any = cell.fidelity
         shutil.rmtree(partial_of(path), ignore_errors=True)  # left by an interrupted run
         capture = self._timed(
             "generate",

@@ -31,6 +31,7 @@ class Stage(IntEnum):
     SPECKLE = 11
     INCLINATION = 12
     SCREEN = 20  # turbulence; a block is a frame and a layer
+    POINTING = 21
 
 
 def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:
