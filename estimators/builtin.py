@@ -9,6 +9,7 @@ BUILTIN: dict[str, str] = {
     "amcw-decade": "beambench.estimators.amcw.phase:amcw_decade",
     "amcw-ml": "beambench.estimators.amcw.ml:amcw_ml",
     "amcw-phase": "beambench.estimators.amcw.phase:amcw_phase",
+    "calibrate-board": "beambench.estimators.laser_line.board_stage:calibrate_board",
     "chua-2017": "beambench.estimators.gated.chua_2017:chua_2017",
     "chua-2017-orthogonal": "beambench.estimators.gated.chua_2017:chua_2017_orthogonal",
     "constant-fraction": "beambench.estimators.gated.constant_fraction:constant_fraction",

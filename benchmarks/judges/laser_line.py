@@ -12,20 +12,22 @@ from ..bounds.laser_line_roughness import roughness_bounds
 from ..scores.truth import Truth
 from .judge import Judge
 from .laser_line_boards import board_calibration
+from .laser_line_rig import rig_bounds, rig_truth
 
 __all__ = ["JUDGE"]
 
 
 def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
     """The true column [px] and point [m]. Every lit surface of a row is a return of its own, that of the brightest pixel first.
-    Slope and level of a surface that was drawn from a power law."""
+    Slope and level of a surface that was drawn from a power law. The true rig, for calibrations."""
     names = ("column", "point", *(name for name in ("slope", "level") if f"truth_{name}" in capture))
-    return {name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in names}
+    plain = {name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64)) for name in names}
+    return {**plain, **rig_truth(capture)}
 
 
 JUDGE = Judge(
     truth=_truth,
-    bound=lambda capture: {**laser_line_bounds(capture), **roughness_bounds(capture)},
+    bound=lambda capture: {**laser_line_bounds(capture), **roughness_bounds(capture), **rig_bounds(capture)},
     calibrate=board_calibration,
     neighbours=("line-ml", "line-log-gaussian", "line-centroid"),
     scenes=("spotscan-wall",),

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...estimators.laser_line.board import Board
 from ...scenes.load import load_scene
 from ..written.laser_line import written_capture
+from ..written.laser_line_board import board_capture
 from ..written.laser_line_profiles import drawn_heights
 from .maker import Laws
 
@@ -20,6 +22,7 @@ _CAMERA = {
     "rig.camera.cols": 96, "rig.detector.adc_bits": 12, "rig.detector.gain_dn_per_e": 0.05,
     "rig.detector.offset_dn": 100.0, "rig.detector.read_noise_e": 20.0, "rig.lens_sigma_px": 0.735,
 }  # fmt: skip
+_STATIONS = {"rig.camera.rows": 192, "rig.camera.cols": 240, "rig.camera.pixel_pitch_m": 25.6e-6}
 #: Columns by which the image is moved.
 _SHIFT = 3
 
@@ -42,6 +45,13 @@ def survey_capture(seed: int = 1) -> xr.Dataset:
     return written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, 45.0 + wander, seed=seed)
 
 
+def stations_capture(seed: int = 1) -> xr.Dataset:
+    """Eight views of a board in air, 192 × 240 pixels each, with the line beside its squares and without."""
+    return board_capture(
+        load_scene("calibration-air", _STATIONS), Board(6, 9, 0.02, (0.095, 0.035)), place_m=(-0.03, 0.0, 0.6), seed=seed
+    )
+
+
 def _later(capture: xr.Dataset) -> tuple[xr.Dataset, float]:
     return capture.assign(counts=capture["counts"].roll(col=_SHIFT)), float(_SHIFT)
 
@@ -60,6 +70,11 @@ def _slope_step(capture: xr.Dataset) -> float:
     return 1.0
 
 
+def _node_step(capture: xr.Dataset) -> float:
+    """Metres per column of a point at about .6 m, for pixels of 25.6 µm, f = 8 mm and b = .2 m: R²/(F b), .006."""
+    return 0.006
+
+
 def _converter(rig: dict[str, Any]) -> dict[str, Any]:
     part: dict[str, Any] = rig["detector"]
     return part
@@ -67,5 +82,6 @@ def _converter(rig: dict[str, Any]) -> dict[str, Any]:
 
 LAWS = Laws(
     (clean_capture,), "an image moved by whole columns, columns moved as far", _later, _step, _converter,
-    {"triangulation": _point_step, "spectrum": _slope_step}, {"spectrum": (survey_capture,)},
+    {"triangulation": _point_step, "spectrum": _slope_step, "calibration": _node_step},
+    {"spectrum": (survey_capture,), "calibration": (stations_capture,)},
 )  # fmt: skip

@@ -59,13 +59,15 @@ class View:
 @dataclass(frozen=True, eq=False)
 class Adjusted:
     """The minimum. `geometry`: with the port of the last view that has one. `names`, `covariance`: of the free parameters, as
-    deviations from it (`deviations.deviated`). `corner_rms_px`, `line_rms_px`: of the residuals; 0 without any. `corner_scale`,
+    deviations from it (`deviations.deviated`). `pose_covariance` (6v, 6v): of what moves the poses (`BoardPose.moved`), by what the
+    parameters leave open too. `corner_rms_px`, `line_rms_px`: of the residuals; 0 without any. `corner_scale`,
     `line_scale`: rms residual over the stated σ. `corners`, `points`: how many."""
 
     geometry: Geometry
     names: tuple[str, ...]
     covariance: Float
     poses: tuple[BoardPose, ...]
+    pose_covariance: Float
     corner_rms_px: float
     line_rms_px: float
     corner_scale: float
@@ -94,7 +96,7 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
         if not last:
             problem = problem.cleaned()
         problem = problem.scaled()
-    covariance = _covariance(problem.jacobian(np.zeros(problem.size)), names)
+    covariance, n = _covariance(problem.jacobian(np.zeros(problem.size)), names), len(names)
     corner, line = problem.kinds(np.zeros(problem.size))
     corner_px = np.concatenate([view.corners.sigma.ravel() for view in problem.views]) * problem.corner_scale
     line_px = np.concatenate([view.sigma for view in problem.views]) * problem.line_scale
@@ -104,7 +106,7 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
         port = replace(port, stand_off_m=held.stand_off_m)
         geometry = replace(geometry, camera=replace(geometry.camera, port=port))
     return Adjusted(
-        geometry, names, covariance, problem.poses, float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
+        geometry, names, covariance[:n, :n], problem.poses, covariance[n:, n:], float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
         float(np.sqrt((line**2).mean()) * np.median(line_px)) if line.size else 0.0, problem.corner_scale,
         problem.line_scale, corner.size // 2, line.size,
     )  # fmt: skip
@@ -305,7 +307,7 @@ class _Problem:
 
 
 def _covariance(jacobian: Float, names: tuple[str, ...]) -> Float:
-    """(JᵀJ)⁻¹ of the parameters of the rig. Raises InputError where columns depend on each other."""
+    """(JᵀJ)⁻¹ of the parameters of the rig and all poses. Raises InputError where columns depend on each other."""
     size = np.linalg.norm(jacobian, axis=0)
     dead = [name for name, length in zip(names, size, strict=False) if not length > 0]
     scaled = jacobian / np.where(size > 0, size, 1.0)
@@ -318,6 +320,4 @@ def _covariance(jacobian: Float, names: tuple[str, ...]) -> Float:
             allowed="views that tell them apart",
             next_step="tilt the board to different sides, show it near and far, in air and through the port, or hold one of them",
         )  # fmt: skip
-    inverse = (right.T / values**2) @ right / np.outer(size, size)
-    n = len(names)
-    return np.asarray(inverse[:n, :n])
+    return np.asarray((right.T / values**2) @ right / np.outer(size, size))

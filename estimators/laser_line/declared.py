@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from ..declared import Key, camera_keys
 
-__all__ = ["CALIBRATED", "LASER_LINE_KEYS"]
+__all__ = ["CALIBRATED", "CAMERA", "LASER_LINE_KEYS"]
 
 #: Parameters that a calibration finds: of the camera, of its distance from the port, and of the laser's plane.
-CALIBRATED = (
-    "focal_px", "principal_row_px", "principal_col_px", "k1", "k2", "p1", "p2", "k3", "stand_off_m", "turn_about_axis_rad",
-    "turn_about_fan_rad", "shift_m",
-)  # fmt: skip
+CAMERA = ("focal_px", "principal_row_px", "principal_col_px", "k1", "k2", "p1", "p2", "k3")
+CALIBRATED = (*CAMERA, "stand_off_m", "turn_about_axis_rad", "turn_about_fan_rad", "shift_m")
 
 _ALL = "all"
 _FLAT, _DOME = (("port.kind", word) for word in ("flat", "dome"))
