@@ -22,7 +22,10 @@ _CAMERA = {
     "rig.camera.cols": 96, "rig.detector.adc_bits": 12, "rig.detector.gain_dn_per_e": 0.05,
     "rig.detector.offset_dn": 100.0, "rig.detector.read_noise_e": 20.0, "rig.lens_sigma_px": 0.735,
 }  # fmt: skip
-_STATIONS = {"rig.camera.rows": 192, "rig.camera.cols": 240, "rig.camera.pixel_pitch_m": 25.6e-6}
+_STATIONS = {
+    "rig.camera.rows": 192, "rig.camera.cols": 240, "rig.camera.pixel_pitch_m": 25.6e-6, "rig.frames.lit": 5,
+    "rig.frames.laser_off": 5,
+}  # fmt: skip
 #: Columns by which the image is moved.
 _SHIFT = 3
 
@@ -46,7 +49,7 @@ def survey_capture(seed: int = 1) -> xr.Dataset:
 
 
 def stations_capture(seed: int = 1) -> xr.Dataset:
-    """Eight views of a board in air, 192 × 240 pixels each, with the line beside its squares and without."""
+    """Five views of a board in air, 192 × 240 pixels each, with the line beside its squares and without."""
     return board_capture(
         load_scene("calibration-air", _STATIONS), Board(6, 9, 0.02, (0.095, 0.035)), place_m=(-0.03, 0.0, 0.6), seed=seed
     )

@@ -25,6 +25,8 @@ Float = npt.NDArray[np.float64]
 
 #: Fewest views of a calibration: two of a line tell its plane, a third tells an error.
 _LEAST_VIEWS = 3
+#: Nodes that are answered lie at the boards' depths, or nearer or farther by up to this factor: beyond, a calibration is a guess.
+_BEYOND = 2.0
 #: Least standard error of a number that a rig is described by: numbers hold no less.
 _LEAST_SIGMA = 1e-12
 
@@ -49,7 +51,8 @@ def calibrate_board(
     Returns node (lattice, xyz) [m], focal_length [m], principal_point [px], stand_off [m], plane_angle [rad] and plane_offset [m] as
     of `described`, with their standard errors by the adjustment's covariance. What the views do not tell is invalid: the stand-off in air.
     All is invalid where the capture cannot be used (fewer than three whole boards, one pose, squares of another size than the rig's
-    poses say); the attribute `refused` then says why. Raises InputError for a board or a port that cannot be calibrated.
+    poses say); the attribute `refused` then says why. So are nodes nearer or farther by a factor of 2 than the
+    line was seen. Raises InputError for a board or a port that cannot be calibrated.
     """
     rig = read_rig(capture, str(capture.attrs["modality"]))
     board = Board(rows, cols, square_m, (beyond_x_m, beyond_y_m))
@@ -78,4 +81,9 @@ def _answered(geometry: Geometry, pitch_m: float, found: Adjusted | None) -> xr.
         whole = held.shape[:1]
         made[name], made[f"sigma{end}"] = held, np.maximum(sigma[name], _LEAST_SIGMA)
         made[f"valid{end}"] = np.full(whole, all(one in names for one in NEEDED[name]))
+    if found is not None and found.depths_m is not None:
+        nearest, farthest = found.depths_m
+        with np.errstate(invalid="ignore"):
+            depth = value["node"][:, 2]
+            made["valid"] &= (depth > nearest / _BEYOND) & (depth < _BEYOND * farthest)
     return stage_result("calibration", **made)

@@ -61,7 +61,7 @@ class Adjusted:
     """The minimum. `geometry`: with the port of the last view that has one. `names`, `covariance`: of the free parameters, as
     deviations from it (`deviations.deviated`). `pose_covariance` (6v, 6v): of what moves the poses (`BoardPose.moved`), by what the
     parameters leave open too. `corner_rms_px`, `line_rms_px`: of the residuals; 0 without any. `corner_scale`,
-    `line_scale`: rms residual over the stated σ. `corners`, `points`: how many."""
+    `line_scale`: rms residual over the stated σ. `corners`, `points`: how many. `depths_m`: least and greatest z of the line's points; None without any."""
 
     geometry: Geometry
     names: tuple[str, ...]
@@ -74,6 +74,7 @@ class Adjusted:
     line_scale: float
     corners: int
     points: int
+    depths_m: tuple[float, float] | None
 
     def sigma(self, name: str) -> float:
         """Standard error of a free parameter, in the unit of its name."""
@@ -108,7 +109,7 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
     return Adjusted(
         geometry, names, covariance[:n, :n], problem.poses, covariance[n:, n:], float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
         float(np.sqrt((line**2).mean()) * np.median(line_px)) if line.size else 0.0, problem.corner_scale,
-        problem.line_scale, corner.size // 2, line.size,
+        problem.line_scale, corner.size // 2, line.size, problem.depths(),
     )  # fmt: skip
 
 
@@ -269,6 +270,15 @@ class _Problem:
             for v, block in enumerate(difference(step)):
                 made[first[v] : first[v + 1], n + 6 * v + part] = block / (2.0 * _POSE_STEP)
         return made
+
+    def depths(self) -> tuple[float, float] | None:
+        """Least and greatest depth [m] of the line's points on the boards; None without any."""
+        found = [np.zeros(0)]
+        for view, pose in zip(self.views, self.poses, strict=True):
+            origin, direction = _camera(self.geometry, view).rays(view.row, view.col)
+            found.append(meeting(origin, direction, pose.turn[:, 2], pose.place)[2])
+        depth = np.concatenate(found)
+        return (float(depth.min()), float(depth.max())) if depth.size else None
 
     def solved(self) -> _Problem:
         fit = least_squares(
