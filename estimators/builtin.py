@@ -15,6 +15,7 @@ BUILTIN: dict[str, str] = {
     "constant-fraction": "beambench.estimators.gated.constant_fraction:constant_fraction",
     "gaussian-least-squares": "beambench.estimators.gated.gaussian_least_squares:gaussian_least_squares",
     "learned": "beambench.estimators.gated.learned:learned",
+    "level-points": "beambench.estimators.laser_line.gravity:level_points",
     "line-blais-rioux": "beambench.estimators.laser_line.blais_rioux:line_blais_rioux",
     "line-centroid": "beambench.estimators.laser_line.centroid:line_centroid",
     "line-derivative": "beambench.estimators.laser_line.derivative:line_derivative",

@@ -40,6 +40,16 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
     return written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, column, seed=seed)
 
 
+def level_capture(seed: int = 1) -> xr.Dataset:
+    """`clean_capture` of a rig with inclinometers, pitched by 20 and rolled by -5 degrees, read without error."""
+    meter = {"pitch_deg": 20.0, "roll_deg": -5.0, "sigma_deg": 0.1, "bias_deg": [0.0, 0.0]}
+    scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": _ROWS, "rig.inclinometers": meter})
+    column = 40.0 + 3.0 * np.linspace(0, 1, 2 * _ROWS).reshape(2, _ROWS)
+    capture = written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, column, seed=seed)
+    read = {name: np.full(2, np.deg2rad(meter[f"{name}_deg"])) for name in ("pitch", "roll")}
+    return capture.assign_coords({name: ("frame", value, {"units": "rad"}) for name, value in read.items()})
+
+
 def survey_capture(seed: int = 1) -> xr.Dataset:
     """Twelve frames of 144 rows, whose lines wander as a power law of slope 2.5 by some pixels: profiles of a rough surface."""
     scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": 144, "rig.frames.lit": 12})
@@ -85,6 +95,6 @@ def _converter(rig: dict[str, Any]) -> dict[str, Any]:
 
 LAWS = Laws(
     (clean_capture,), "an image moved by whole columns, columns moved as far", _later, _step, _converter,
-    {"triangulation": _point_step, "spectrum": _slope_step, "calibration": _node_step},
-    {"spectrum": (survey_capture,), "calibration": (stations_capture,)},
+    {"triangulation": _point_step, "spectrum": _slope_step, "gravity": _point_step, "calibration": _node_step},
+    {"spectrum": (survey_capture,), "gravity": (level_capture,), "calibration": (stations_capture,)},
 )  # fmt: skip

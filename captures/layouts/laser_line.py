@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..quantities import CAPTURE, Quantity, Stage
+from ..quantities import CAPTURE, COORDINATES, Quantity, Stage
 from .layout import Layout
 from .variables import BOOL, COUNTS, REAL, camera_extras, coord, data, per_frame, truth
 
@@ -41,6 +41,10 @@ _POINT = Quantity(
     "point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the camera frame", (1e3, "mm"),
     components=("xyz",),
 )  # fmt: skip
+_LEVEL_POINT = Quantity(
+    "level_point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the gravity frame, y down", (1e3, "mm"),
+    components=("xyz",),
+)  # fmt: skip
 #: One number for all frames of a capture.
 _SLOPE = Quantity("slope", "1", ("survey",), "slope of the power spectrum, S ~ f^-slope")
 _LEVEL = Quantity("level", "dB", ("survey",), "density of the power spectrum at 10 cycles/m, relative to 1 m³")
@@ -67,6 +71,7 @@ LAYOUT = Layout(
     stages=(
         Stage("line", "line", "laser_line", (CAPTURE,), (_COLUMN,)),
         Stage("triangulation", "triangulation", "laser_line", ("column", "rig"), (_POINT,)),
+        Stage("gravity", "gravity", "laser_line", ("point", "rig", COORDINATES), (_LEVEL_POINT,)),
         Stage(
             "calibration", "calibration", "laser_line", (CAPTURE,),
             (_NODE, _FOCAL, _PRINCIPAL, _STAND_OFF, _ANGLE, _OFFSET),

@@ -41,7 +41,7 @@ LASER_LINE_KEYS = (
     Key("laser.divergence_rad", "number", "rad", "full 1/e² divergence of the sheet in the medium", _ALL, least=0),
     Key("laser.fan_half_angle_rad", "number", "rad", "half the angle over which the sheet is spread, in the medium", _ALL, above=0),
     Key("lens_sigma_px", "number", "px", "1 σ of the lens's point spread", _ALL, least=0),
-    Key("inclinometers.sigma_deg", "number", "degree", "standard error of a reading of pitch or roll", "gravity_points",
+    Key("inclinometers.sigma_deg", "number", "degree", "standard error of a reading of pitch or roll", "level-points",
         least=0, within="inclinometers"),
     *camera_keys(_ALL),
     Key(
