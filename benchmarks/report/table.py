@@ -7,14 +7,13 @@ from typing import Any
 from .data import Cell, unit_scale
 from .text import number, rate, span, time_text
 
-__all__ = ["score_table"]
+__all__ = ["score_table", "sorted_cells"]
 
 
 def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
     """One row per cell: scene and condition, marks, and (sort key, text) of every figure."""
     rows = []
-    scenes = list(dict.fromkeys(cell.scene for cell in cells))
-    for cell in sorted(cells, key=lambda c: _table_key(c, scenes)):
+    for cell in sorted_cells(cells):
         factor, unit = unit_scale(cell)
         stress = " ".join(filter(None, (cell.stress, cell.level, cell.stress2, cell.level2)))
         low, high = cell.efficiency_lo, cell.efficiency_hi
@@ -60,6 +59,12 @@ def _scatter(cell: Cell) -> str:
     """Half the interval of the time, in per cent."""
     half = 0.5 * (cell.cpu_hi - cell.cpu_lo) / cell.cpu_per_element_s if cell.cpu_per_element_s > 0 else float("nan")
     return f" ± {rate(half)}" if half == half else ""
+
+
+def sorted_cells(cells: list[Cell]) -> list[Cell]:
+    """The cells in the order of the table."""
+    scenes = list(dict.fromkeys(cell.scene for cell in cells))
+    return sorted(cells, key=lambda cell: _table_key(cell, scenes))
 
 
 def _table_key(cell: Cell, scenes: list[str]) -> tuple[Any, ...]:
