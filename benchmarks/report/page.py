@@ -57,6 +57,7 @@ def write_report(run_dir: str | Path) -> Path:
     run = read_run(folder)
     pictures = read_pictures(folder / "pictures") if (folder / "pictures").is_dir() else []
     cells = cells_of(table)
+    ran = [cell for cell in cells if not cell.skipped]  # those that do not apply have a list of their own
     base = base_cells(cells)
     costs = read_costs(folder)
     mark_front(base, costs, read_tiles(folder))
@@ -78,10 +79,10 @@ def write_report(run_dir: str | Path) -> Path:
         estimators=_legend(cells, order, styles),
         chart_svg=save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg", styles),
         stress_svg=static_stresses(charts.groups, styles),
-        table=score_table(cells),
+        table=score_table(ran),
         verdict_marks=VERDICT_MARKS,
-        unit=unit_scale(base[0])[1] if base else "",
-        noun=base[0].noun if base else "element",
+        unit=_only([unit_scale(c)[1] for c in cells], ""),
+        noun=_only([c.noun for c in cells], "element"),
         scenes=picture_scenes(pictures, order),
         breakdown=page_section(folder),
         failures=_failures(cells, run),
@@ -95,12 +96,17 @@ def write_report(run_dir: str | Path) -> Path:
         machine=_facts(run.get("machine")),
         versions=_facts(run.get("versions")),
         facts=_facts({k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}),
-        data=_data(charts.specs(), cells, pictures, order),
+        data=_data(charts.specs(), ran, pictures, order),
     )
     path = folder / "report.html"
     write_text(path, page)
-    write_exports(folder, **words, sentences=sentences, base=base, shown=sorted_cells(cells))
+    write_exports(folder, **words, sentences=sentences, base=base, shown=sorted_cells(ran))
     return path
+
+
+def _only(words: list[str], otherwise: str) -> str:
+    """The word, where all are the same."""
+    return words[0] if len(set(words)) == 1 else otherwise
 
 
 def _folder_name(folder: Path) -> str:

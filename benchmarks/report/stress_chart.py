@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ..statistics.levels import is_log
 from .charts import chosen_opacity, finished
 from .data import Cell
 from .layout import HEIGHT, WIDTH
@@ -27,7 +28,7 @@ def stress_groups(cells: list[Cell]) -> dict[tuple[str, str, str], list[Cell]]:
 def stress_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None) -> dict[str, Any]:
     """Share of failed elements (y) against stress level (x), one line per estimator; a crash counts as 100 %.
 
-    A level axis over more than a factor of 20 is logarithmic. `styles`: of the page; by default those of these cells.
+    `styles`: of the page; by default those of these cells.
     """
     chart = _panel(cells, page=page, styles=styles or styles_of(c.label for c in cells))
     return finished(chart.properties(width="container" if page else WIDTH, height=HEIGHT), page=page)
@@ -50,8 +51,7 @@ def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any
         }
         for c in cells
     ]
-    levels = [abs(float(row["level"])) for row in rows] if numeric else []
-    wide = bool(levels) and min(levels) > 0 and max(levels) > 20 * min(levels)
+    wide = numeric and is_log([float(row["level"]) for row in rows])
     scale = alt.Scale(type="log", nice=False) if wide else alt.Undefined
     form = alt.Axis(format="~g", tickCount=6) if numeric else alt.Undefined
     colours = alt.Scale(domain=labels, range=[styles[label][0] for label in labels])

@@ -20,7 +20,8 @@ const unpack = (text) => {
 };
 
 const START = { yaw: -0.6, tilt: 0.75 };
-const relief = (canvas, scene, heights, paints, kind, pose) => {
+// Draws heights (shares of lo..hi) in the colours of `paints`; a single row is a profile, a line in the colour of the text.
+const relief = (canvas, scene, heights, paints, kind, pose, [lo, hi, unit, up]) => {
   const { rows, cols } = scene, pen = canvas.getContext("2d");
   const [w, h] = [canvas.width, canvas.height];
   const ink = getComputedStyle(canvas).color;
@@ -29,7 +30,6 @@ const relief = (canvas, scene, heights, paints, kind, pose) => {
   const [ax, ay] = rows > 1 ? [1.25 * cols / longest, 1.25 * Math.max(rows / longest, 0.3)] : [1.25, 0.3];
   // The largest size at which the box fits whatever the yaw, so that it does not jump while it turns.
   const reach = Math.hypot(ax, ay), size = Math.min(w / (2.1 * reach), h / (2.1 * (st * reach + ct * 0.55)));
-  const up = scene.unit === "m" ? -1 : 1; // a range: nearer is higher
   // x to the right, y into the page, z up; (share of the columns, of the rows, of the height) -> canvas
   const project = (u, v, z) => {
     const x = (2 * u - 1) * ax, y = (1 - 2 * v) * ay, t = up * (z - 0.5) * 1.1;
@@ -53,23 +53,24 @@ const relief = (canvas, scene, heights, paints, kind, pose) => {
   pen.fillStyle = ink;
   pen.font = "20px system-ui, sans-serif";
   const left = box(0).reduce((a, b, i) => (b[0] < box(0)[a][0] ? i : a), 0);
-  const digits = scene.hi - scene.lo < 0.1 ? 4 : scene.hi - scene.lo < 10 ? 2 : 0;
-  for (const [z, value] of [[0, scene.lo], [1, scene.hi]]) {
+  const digits = hi - lo < 0.1 ? 4 : hi - lo < 10 ? 2 : 0;
+  for (const [z, value] of [[0, lo], [1, hi]]) {
     const [x, y] = box(z)[left];
-    pen.fillText(value.toFixed(digits) + " " + scene.unit, Math.max(4, x - 60), y + (z === (up > 0 ? 1 : 0) ? -8 : 22));
+    pen.fillText(value.toFixed(digits) + " " + unit, Math.max(4, x - 60), y + (z === (up > 0 ? 1 : 0) ? -8 : 22));
   }
   const at = (i, j) => heights[i * cols + j];
   const colour = (value, shade) => `rgb(${colours[kind](value).map((c) => Math.round(c * shade)).join(",")})`;
-  if (rows === 1) { // a profile
-    pen.lineWidth = 2.5;
-    for (let j = 1; j < cols; j++) {
-      if (Number.isNaN(at(0, j - 1) + at(0, j))) continue;
-      pen.strokeStyle = colour(paints[j], 1);
-      pen.beginPath();
-      pen.moveTo(...project((j - 1) / (cols - 1), 0.5, at(0, j - 1)));
-      pen.lineTo(...project(j / (cols - 1), 0.5, at(0, j)));
-      pen.stroke();
+  if (rows === 1) {
+    pen.lineWidth = 2.2;
+    pen.strokeStyle = ink;
+    pen.beginPath();
+    let joined = false;
+    for (let j = 0; j < cols; j++) {
+      const there = !Number.isNaN(at(0, j)), place = there && project(j / (cols - 1), 0.5, at(0, j));
+      if (there) joined ? pen.lineTo(...place) : pen.moveTo(...place);
+      joined = there;
     }
+    pen.stroke();
     return;
   }
   // Depth grows with sin(yaw)·x + cos(yaw)·y; rows run toward the viewer, columns to the right.
@@ -104,10 +105,13 @@ for (const place of document.querySelectorAll(".relief")) {
     const label = who.value;
     unpacked[label] ??= { value: unpack(scene.estimates[label].value), error: unpack(scene.estimates[label].error) };
     const mine = unpacked[label], kind = paint.value;
-    relief(trueCanvas, scene, truth, kind === "value" ? truth : none, kind, pose);
-    relief(canvas, scene, mine.value, kind === "value" ? mine.value : mine.error, kind, pose);
-    place.querySelector(".whose").textContent = label +
-      (kind === "error" ? `, error −${scene.limit} (blue) to +${scene.limit} ${scene.error_unit} (red)` : "");
+    const axis = [scene.lo, scene.hi, scene.unit, scene.unit === "m" ? -1 : 1]; // of distances the near ones are high
+    const line = scene.rows === 1 && kind === "error"; // a line shows its error by height
+    relief(trueCanvas, scene, truth, kind === "value" ? truth : none, kind, pose, axis);
+    relief(canvas, scene, line ? mine.error : mine.value, kind === "value" ? mine.value : mine.error, kind, pose,
+      line ? [-scene.limit, scene.limit, scene.error_unit, 1] : axis);
+    const scale = `−${scene.limit} to +${scene.limit} ${scene.error_unit}`;
+    place.querySelector(".whose").textContent = label + (line ? `, error, ${scale}` : kind === "error" ? `, error ${scale}, blue to red` : "");
     place.dataset.pose = [pose.yaw, pose.tilt].map((x) => x.toFixed(3)).join(" ");
   };
   let asked = false;
