@@ -36,9 +36,10 @@ def latex(text: str) -> str:
 def citations_of(labels: Iterable[str]) -> Citations:
     """Entries of the built-in estimators among `labels`, and of the links of chains.
 
-    The source is the text `cites` of an estimator; parts between semicolons are sources of their own. An entry is @misc, with
-    the authors and the year as far as the text tells them, and the whole text as `note`, since it names journal and volume
-    in free form. Plug-ins are not imported, since a page may be made from a stranger's table.
+    The source is the text `cites` of an estimator; parts between semicolons are sources of their own, and remarks (which
+    formula, what for) are left out. An entry is @misc, with the authors and the year as far as the text tells them, and the
+    whole reference as `note`, since it names journal and volume in free form. Plug-ins are not imported, since a page may be
+    made from a stranger's table.
     """
     keys: dict[str, list[str]] = {}
     entries: dict[str, str] = {}  # text -> key
@@ -61,7 +62,18 @@ def _sources(name: str) -> list[str]:
 
     # A semicolon inside parentheses separates remarks, not sources.
     parts = re.split(r";\s*(?![^(]*\))", get_estimator(name).cites)
-    return [part.strip() for part in parts if part.strip()]
+    return [reference for part in parts if (reference := _reference(part))]
+
+
+def _reference(text: str) -> str:
+    """The reference without remarks: a topic before a colon, parentheses, and the place in the source."""
+    plain = re.sub(r"\s*\([^()]*[^()\d:][^()]*\)", "", text).strip()  # an issue, "43(24)", is no remark
+    topic, _, rest = plain.partition(": ")
+    if rest and not re.search(r"[\d,]", topic):
+        plain = rest
+    cut = re.split(r",? (?:Eq\.|sec\.|section|Figure|Fig\.|chapter|Table)\s", plain)[0]
+    whole = re.sub(r"^(.*\b(?:1[6-9]|20)\d\d)(?:, (?!p\.)|: ).*$", r"\1", cut).strip(" ,")
+    return whole if _YEAR.search(whole) else ""  # "this project", "the lidar equation": nothing to look up
 
 
 def _authors(text: str) -> str:
@@ -79,12 +91,14 @@ def _authors(text: str) -> str:
         head = head[:1]
     if not any(" and " in part or "et al" in part for part in head):
         head = head[:1]
+    if len(head) == 1:
+        head = [_YEAR.split(head[0])[0].strip()]
     names = " and ".join(head).replace(" et al.", " and others").replace(" et al", " and others")
     return names if re.match(r"[^\W\d_]", names) else ""
 
 
 def _new_key(text: str, taken: set[str]) -> str:
-    first = re.split(r"[ ,]", _authors(text) or text)[0]
+    first = re.split(r",| and ", _authors(text) or text)[0].split()[-1]
     plain = unicodedata.normalize("NFKD", first).encode("ascii", "ignore").decode()
     year = _YEAR.findall(text.split("(")[0]) or _YEAR.findall(text)
     stem = (re.sub(r"[^a-z0-9]", "", plain.lower()) or "source") + (year[-1] if year else "")

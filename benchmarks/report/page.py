@@ -100,7 +100,7 @@ def write_report(run_dir: str | Path) -> Path:
     )
     path = folder / "report.html"
     write_text(path, page)
-    write_exports(folder, **words, sentences=sentences, base=base, shown=sorted_cells(ran))
+    write_exports(folder, **words, sentences=sentences, base=base_cells(ran), shown=sorted_cells(ran))
     return path
 
 

@@ -26,6 +26,8 @@ const card = (label, scene, rows) => {
   for (const row of rows) {
     const line = body.insertRow();
     for (const name of SHOWN) line.append(element("td", row.cells[headings.indexOf(name)].textContent));
+    const mixed = row.cells[headings.indexOf("Scene")].querySelector("small"); // elements of another kind
+    if (mixed) line.cells[SHOWN.indexOf("Stress")].append(", " + mixed.textContent);
   }
   scroll.append(table);
   made.append(scroll);
