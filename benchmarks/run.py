@@ -18,7 +18,7 @@ from .folders.kinds import RUN
 from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
-from .report.picture_files import Place, write_picture
+from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.jail import isolation
@@ -334,18 +334,22 @@ class _Run:
             self.failures.append({
                 "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
             })  # fmt: skip
-        elif outcome.stage.gives[0].is_image and self._shown(cell, job.condition):
+        elif self._shown(cell, job.condition):
             self._draw(cell, chosen, outcome, truth)
         self.done += 1
         self.progress("estimate", self.done, self.total, chosen.label)
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
-        """Store the picture of an estimate for the page."""
-        quantity = outcome.stage.gives[0]
+        """Store the picture of an estimate for the page, if its stage gives one."""
+        found = ((q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths)
+        quantity, index = next(found, (None, None))
+        if quantity is None or index is None:
+            return
         truth = truths[quantity.name]
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
         place = Place(cell.scene_name, chosen.label, outcome.job.condition)
-        write_picture(self.folder / "pictures", place, quantity, value, valid, truth.value, errors_of(value, truth))
+        images = [array[index] for array in (value, valid, truth.value, errors_of(value, truth))]
+        write_picture(self.folder / "pictures", place, quantity, *images)
 
     def _keep(
         self, entry: Entry, condition: str, chosen: Chosen, rows: list[dict[str, Any]], beside: dict[str, Any]

@@ -113,7 +113,7 @@ def _never(folder: Path) -> bool:
 
 _TABLES = (
     "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "ranking.csv", "pairs.csv", "profiles.csv",
-    "report.html", "speed-accuracy.png", "speed-accuracy.svg",
+    "report.html", "report.csv", "report.md", "report.tex", "report.bib", "speed-accuracy.png", "speed-accuracy.svg",
 )  # fmt: skip
 _OF_A_SUITE = (
     *_TABLES, "run.json", "journal.jsonl", "costs.csv", "errors_by_tile.npz", "captures/*.zarr", "pictures/*__*.npz",
