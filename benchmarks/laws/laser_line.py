@@ -61,7 +61,10 @@ def survey_capture(seed: int = 1) -> xr.Dataset:
 def stations_capture(seed: int = 1) -> xr.Dataset:
     """Five views of a board in air, 192 × 240 pixels each, with the line beside its squares and without."""
     return board_capture(
-        load_scene("calibration-air", _STATIONS), Board(6, 9, 0.02, (0.095, 0.035)), place_m=(-0.03, 0.0, 0.6), seed=seed
+        load_scene("calibration-air", _STATIONS),
+        Board(6, 9, 0.02, (0.095, 0.035)),
+        place_m=(-0.03, 0.0, 0.6),
+        seed=seed,
     )
 
 
