@@ -114,6 +114,8 @@ def test_the_scores_of_a_calibration_have_units(noisy: xr.Dataset) -> None:
     for name in ("node", "focal_length", "principal_point", "plane_angle", "plane_offset"):
         assert (
             rows[name]["coverage"] == 1.0 and rows[name]["failure_rate"] == 0.0 and rows[name]["bound_kind"] == "none"
+        assert np.isnan(rows[name]["bound"]) and np.isnan(rows[name]["efficiency"])
+    assert rows["focal_length"]["failure_at"] == pytest.approx(8e-5) and rows["plane_angle"]["failure_at"] == pytest.approx(2.4e-3)
         )
 
 

@@ -63,12 +63,14 @@ def rig_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     row, col = (part[held] for part in nodes(geometry.rows, geometry.cols))
     step = np.linalg.norm(geometry.points(row, col + 0.5) - geometry.points(row, col - 0.5), axis=0)
     column = float(np.nanmedian(step)) if np.isfinite(step).any() else 1.0
-    scale = {
+    failed = {
         "node": column, "focal_length": 0.01 * focal_px * pitch, "principal_point": 5.0, "stand_off": 5e-3,
         "plane_angle": 1.0 / focal_px, "plane_offset": 0.01 * abs(float(value["plane_offset"][0])),
     }  # fmt: skip
-    # What can be answered at all: a hundred times what has failed.
-    return {name: Bound(np.full(value[name].shape, np.inf), "none", one, 100.0 * one) for name, one in scale.items()}
+    # Without a bound an element has failed beyond half of the scale; what can be answered at all is a hundred times as much.
+    return {
+        name: Bound(np.full(value[name].shape, np.nan), "none", 2.0 * one, 100.0 * one) for name, one in failed.items()
+    }
 
 
 def _true(capture: xr.Dataset) -> tuple[Geometry, float] | None:
