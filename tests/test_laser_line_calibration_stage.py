@@ -112,11 +112,11 @@ def test_the_scores_of_a_calibration_have_units(noisy: xr.Dataset) -> None:
     }  # fmt: skip
     assert rows["stand_off"]["n"] == 0 and 100 < rows["node"]["n"] < 768
     for name in ("node", "focal_length", "principal_point", "plane_angle", "plane_offset"):
-        assert (
-            rows[name]["coverage"] == 1.0 and rows[name]["failure_rate"] == 0.0 and rows[name]["bound_kind"] == "none"
-        assert np.isnan(rows[name]["bound"]) and np.isnan(rows[name]["efficiency"])
-    assert rows["focal_length"]["failure_at"] == pytest.approx(8e-5) and rows["plane_angle"]["failure_at"] == pytest.approx(2.4e-3)
-        )
+        row = rows[name]
+        assert row["coverage"] == 1.0 and row["failure_rate"] == 0.0 and row["bound_kind"] == "none", name
+        assert np.isnan(row["bound"]) and np.isnan(row["efficiency"]), name
+    assert rows["focal_length"]["failure_at"] == pytest.approx(8e-5)
+    assert rows["plane_angle"]["failure_at"] == pytest.approx(2.4e-3)
 
 
 # ---------------------------------------------------------------- refusals
