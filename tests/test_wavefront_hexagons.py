@@ -197,6 +197,11 @@ def test_methods_of_square_grids_say_so(name: str) -> None:
         run_estimator(f"spot-ml+slope-cell+{name}", capture)
 
 
+def test_spots_narrower_than_their_table_are_refused() -> None:
+    with pytest.raises(InputError, match="narrower than their table"):
+        hexagons(**{"rig.lenslets.preset": None, "rig.lenslets.pitch_m": 150e-6, "rig.lenslets.focal_length_m": 0.9e-3})
+
+
 def test_a_whole_chain_finds_the_coefficients() -> None:
     rad = [0.5, -0.4, 0.6, -0.3, 0.2]
     scene = hexagons(**{"rig.aberration": {"noll": [2, 3, 4, 5, 6], "rad": rad}, "rig.laser.pulse_energy_j": 1e-9})
