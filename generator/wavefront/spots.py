@@ -68,7 +68,7 @@ def _residual(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Float) 
     else:
         first = 1.0 + 0.5 * (per - 1)
         u = _between(field, *(first + per * site[:, None] + offset for site in (lattice.row, lattice.col)))
-    return _level(u, tilt, offset * lattice.step_m, rig.wavelength_m)
+    return _level(u, tilt, np.asarray(offset * lattice.step_m, np.float64), rig.wavelength_m)
 
 
 def _in_hexagons(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Float, cells: int) -> Complex:
