@@ -83,7 +83,8 @@ def _in_hexagons(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Floa
 @lru_cache(maxsize=8)
 def _coverage(width_m: float, cells: int) -> Float:
     sample, share = hexagon_coverage(np.zeros((1, 2)), width_m, _CORNERS * width_m / cells, cells)
-    return np.bincount(sample[0], share[0], minlength=cells**2).reshape(cells, cells)
+    lit = np.bincount(sample[0], share[0], minlength=cells**2)
+    return np.asarray(lit.reshape(cells, cells), np.float64)
 
 
 def _between(field: Complex, down: Float, along: Float) -> Complex:
