@@ -24,19 +24,17 @@ class Work:
     """A command that writes.
 
     Main arguments:
-        prepare: makes its input in a folder. words: of the command, run there. again: words that finish it after a kill, the first
-            that ends with 0 of them. result: what the finished work is known by.
-        always: the states that the place may be in after any stop, as results; None where only the finished work is compared.
+        prepare: makes its input in a folder. words: of the command, run there. again: commands that finish it after a stop, in this
+            order until one ends with 0. result: what the finished work is known by, "" where there is none.
     Other arguments:
-        children: whether threads and child processes are stopped too. weight: share of the attempts.
+        started: whether it needs a new process (`run_traced`). weight: share of the attempts.
     """
 
     prepare: Callable[[Path], None]
     words: Callable[[Path], list[str]]
     again: Callable[[Path], list[list[str]]]
     result: Callable[[Path], str]
-    leaves: tuple[str, ...] = ()
-    children: bool = True
+    started: bool = False
     weight: int = 4
 
 
@@ -162,10 +160,16 @@ WORKS: dict[str, Work] = {
         lambda folder: _generate(folder, "--overwrite"),
         lambda folder: [_generate(folder, "--overwrite")],
         _whole_store,
-        weight=5,
+        started=True,
+        weight=3,
     ),
     "generate --resume": Work(
-        _nothing, _generate, lambda folder: [_generate(folder, "--resume"), _generate(folder)], _whole_store, weight=4
+        _nothing,
+        _generate,
+        lambda folder: [_generate(folder, "--resume"), _generate(folder)],
+        _whole_store,
+        started=True,
+        weight=3,
     ),
     "data repair": Work(
         _damaged,
@@ -199,7 +203,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _run(folder, "run"),
         lambda folder: [_run(folder, "run", "--resume"), _run(folder, "run", "--overwrite"), _run(folder, "run")],
         _tables("accuracy.csv", "summary.csv"),
-        children=False,
+        started=True,
         weight=2,
     ),
     "run --overwrite (exchange)": Work(
@@ -207,7 +211,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _run(folder, "run", "--overwrite"),
         lambda folder: [_run(folder, "run", "--overwrite"), _run(folder, "run")],
         _tables("accuracy.csv", "summary.csv", "mine.txt"),
-        children=False,
+        started=True,
         weight=2,
     ),
     "sweep --resume": Work(
@@ -219,7 +223,7 @@ WORKS: dict[str, Work] = {
             _run(folder, "sweep", "--budget", "3"),
         ],
         _tables("breakdown.csv", "failure_map.csv"),
-        children=False,
+        started=True,
         weight=1,
     ),
 }
