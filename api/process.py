@@ -33,7 +33,7 @@ def keep_standard_streams() -> None:
         stream.flush()
         raw = _Stream(stream.fileno(), "w", closefd=False)
         setattr(sys, name, io.TextIOWrapper(
-            io.BufferedWriter(raw), encoding=stream.encoding, errors=stream.errors,
+            io.BufferedWriter(raw), encoding=stream.encoding, errors="backslashreplace",
             line_buffering=stream.line_buffering or name == "stderr",
         ))  # fmt: skip
 
