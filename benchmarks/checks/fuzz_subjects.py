@@ -18,7 +18,7 @@ import numpy as np
 
 from .mutations import json_mutated, mutated
 
-__all__ = ["SUBJECTS", "Subject"]
+__all__ = ["SUBJECTS", "Subject", "job_of", "reseal"]
 
 
 @dataclass(frozen=True)
@@ -382,6 +382,21 @@ def _results(folder: Path) -> None:
     )  # fmt: skip
 
 
+def _journals(folder: Path) -> None:
+    from ..folders.journal import Journal
+
+    journal = Journal(folder, "h", verb="run")
+    for seed in range(20):
+        journal.add(("flat-wall", str(seed), "peak"), [_row(seed, "peak")])
+
+
+def _read_journal(folder: Path) -> None:
+    from ..folders.journal import Journal
+
+    Journal.check(folder, "h", verb="run")
+    Journal(folder, "h", verb="run")
+
+
 def _read_results(folder: Path) -> None:
     from ...scenes.errors import InputError
     from ..folders.journal import Journal
@@ -416,7 +431,7 @@ def _read_results(folder: Path) -> None:
 def _cache(folder: Path) -> None:
     from ..runner.result_cache import ResultCache
 
-    job, chosen = _job(folder)
+    job, chosen = job_of(folder)
     from ..runner.session import Outcome
 
     arrays: dict[str, Any] = {
@@ -427,7 +442,8 @@ def _cache(folder: Path) -> None:
     ResultCache(folder / "kept").put(Outcome(job, "ok", arrays, cpu_s=0.1, wall_s=0.2, peak_bytes=300.0), chosen)
 
 
-def _job(folder: Path) -> tuple[Any, Any]:
+def job_of(folder: Path) -> tuple[Any, Any]:
+    """A job and an estimator under which the cache beside `folder` holds a result."""
     from ..runner.estimator_labels import check_estimators
     from ..runner.session import Job
 
@@ -443,7 +459,7 @@ def _job(folder: Path) -> tuple[Any, Any]:
 def _read_cache(folder: Path) -> None:
     from ..runner.result_cache import ResultCache
 
-    job, chosen = _job(folder)
+    job, chosen = job_of(folder)
     found = ResultCache(folder / "kept").get(job, chosen)
     if found is not None:
         for name in ("range", "sigma"):
@@ -522,6 +538,7 @@ SUBJECTS: dict[str, Subject] = {
     "unfinished stores": Subject(_unfinished, _hostile_journal, _read_unfinished),
     "estimates (HDF5)": Subject(_estimates, _any_file, _read_estimates),
     "folders of runs": Subject(_results, _json_file, _read_results),
+    "journals of runs": Subject(_journals, _any_file, _read_journal),
     "caches": Subject(_cache, _any_file, _read_cache),
     "plans of exchanges": Subject(_plans, _change_plan, _read_plan),
     "overrides and labels": Subject(_words, _any_file, _read_words),
