@@ -94,16 +94,17 @@ def _run(words: Sequence[str], output: int) -> None:
 def run_traced(
     words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, started: bool = False
 ) -> Ended:
-    """Run a command under strace, with its threads and child processes.
+    """Run a command under strace.
 
     Main arguments:
         words: of the command. folder: for the files of this function.
     Other arguments:
         inject: what happens at which call of a thread, such as "error=ENOSPC:when=7" or "signal=KILL:when=7" (strace, option
-            -e inject). calls: that are traced. started: start Python anew, for commands that start threads before they write.
+            -e inject). calls: that are traced. started: start Python anew, for commands that start many threads,
+            of which the first alone is traced; else all threads are.
     """
     log, said = folder / "strace.log", folder / "said.log"
-    options = ["-f", "-o", str(log), "-e", f"trace={','.join(calls)}"]
+    options = [*([] if started else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
     options += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
     with open(said, "w+b") as output:
         code = _start(words, options, output.fileno()) if started else _attach(words, options, output.fileno())
@@ -122,7 +123,7 @@ def run_traced(
 
 def _start(words: Sequence[str], options: list[str], output: int) -> int | None:
     """Run a command in a new process under strace; its exit code, None where it does not end in time."""
-    command = ["strace", "--seccomp-bpf", *options, sys.executable, "-m", "beambench", *words]
+    command = ["strace", *options, sys.executable, "-m", "beambench", *words]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment, start_new_session=True
