@@ -81,6 +81,7 @@ data finalize: DATA <text> required
 data repair: --debug <flag> default False
 data repair: --json <flag> default False
 data repair: --overwrite <flag> default False
+data repair: --regenerate <flag> default False
 data repair: DATA <text> required
 data status: --debug <flag> default False
 data status: --json <flag> default False

@@ -16,6 +16,9 @@ import numpy as np
 import xarray as xr
 
 from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
+from ...scenes.errors import InputError
+from ...scenes.npz import read_npy
+from ...scenes.plain_text import plain_text
 
 __all__ = [
     "THREAD_VARIABLES", "file_sums", "files_of", "misshapen", "open_capture", "read_results", "unsound", "write_capture",
@@ -128,14 +131,15 @@ def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dic
         if not path.is_file() or os.path.islink(path):
             return {}, f"no variable {name!r}"
         try:
-            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-        except (ValueError, OSError, EOFError) as error:
-            return {}, f"{name} is not an array: {error}"
-        if wrong := misshapen(name, dims, mapped.shape, known):
+            # Read, not mapped: the child may shorten the file meanwhile, and a mapping would end this process (SIGBUS).
+            found = read_npy(path, name)
+        except InputError as error:
+            return {}, plain_text(f"{name} is not an array: {error.value}")
+        if wrong := misshapen(name, dims, found.shape, known):
             return {}, wrong
-        if mapped.dtype.kind != ("b" if name in flags else "f"):
-            return {}, f"{name} is of type {mapped.dtype}"
-        arrays[name] = np.array(mapped, dtype=bool if name in flags else np.float64)
+        if found.dtype.kind != ("b" if name in flags else "f"):
+            return {}, f"{name} is of type {found.dtype}"
+        arrays[name] = np.array(found, dtype=bool if name in flags else np.float64)
     wrong = unsound(arrays, stage)
     return ({}, wrong) if wrong else (arrays, "")
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from ...captures.layouts import layout_of, stage_of, stages
 from ...captures.quantities import Stage
+from ...scenes.plain_text import plain_text
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
 from .house import HOUSE, house_error
@@ -297,7 +298,7 @@ def _outcome(child: Child, job: Job, status: str) -> Outcome:
 
 def _line(event: dict[str, Any]) -> str:
     """The message of an event in one short line, for a table."""
-    return " ".join(str(event.get("message", "")).split())[:300]
+    return plain_text(" ".join(str(event.get("message", "")).split())[:300])
 
 
 def _crash(child: Child) -> str:
