@@ -66,7 +66,9 @@ class Browser:
     def __enter__(self) -> Browser:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         try:
             self._session = ""
             self._write("Browser.close", {})
@@ -90,7 +92,9 @@ class Browser:
                 return dict(message["result"])
             self._note(message)
 
-    def open(self, page: Path, *, width: int = 1300, height: int = 1000, dark: bool = False, script: bool = True) -> None:
+    def open(
+        self, page: Path, *, width: int = 1300, height: int = 1000, dark: bool = False, script: bool = True
+    ) -> None:
         """Open a page and wait until it is loaded and its charts are drawn."""
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
