@@ -18,7 +18,7 @@ from beambench.benchmarks.report.fidelity_chart import effects_spec, effects_wor
 from beambench.benchmarks.report.opening import charts_of
 from beambench.benchmarks.report.pairs import pairs_section
 from beambench.benchmarks.report.picture_files import picture_index
-from beambench.benchmarks.report.picture_section import picture_scenes, reliefs_of
+from beambench.benchmarks.report.picture_section import RELIEF_BUDGET, picture_scenes, reliefs_of
 from beambench.benchmarks.report.pictures import Picture
 from beambench.benchmarks.report.styles import PALETTE, styles_of
 from beambench.benchmarks.report.surfaces import MISSING, coarse, packed
@@ -102,6 +102,13 @@ def test_pictures_are_reduced_until_they_fit() -> None:
     assert [e["label"] for e in scene["entries"]] == ["c", "a", "b"]
     (relief,) = reliefs_of(pictures, ["c", "a"])
     assert (relief["rows"], relief["cols"]) == (50, 50) and list(relief["estimates"]) == ["c", "a", "b"]
+
+
+def test_many_reliefs_become_coarser() -> None:
+    pictures = [_picture(64, 1, f"e{k}") for k in range(200)]
+    (relief,) = reliefs_of(pictures, [])
+    assert 30 < relief["rows"] < 64
+    assert sum(len(e["value"]) + len(e["error"]) for e in relief["estimates"].values()) <= RELIEF_BUDGET
 
 
 def test_images_profiles_and_wavefronts_have_a_picture() -> None:
