@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,10 +16,8 @@ from beambench.benchmarks.report.page import write_report
 from beambench.scenes.errors import InputError
 
 from . import _api_fixtures as made_up
+from ._browser import CHROMIUM
 
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 EVIL = "\"></script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
 
 
