@@ -60,7 +60,8 @@ def rungs_spec(rows: list[dict[str, Any]], *, page: bool) -> dict[str, Any] | No
         "rung:N", scale=alt.Scale(domain=rungs, range=list(PALETTE[: len(rungs)])),
         legend=alt.Legend(title=None, orient="top"),
     )  # fmt: skip
-    shape = alt.Shape("rung:N", scale=alt.Scale(domain=rungs, range=list(SHAPES[: len(rungs)])), legend=None)
+    shapes = alt.Scale(domain=rungs, range=list(SHAPES[: len(rungs)]))
+    shape = alt.Shape("rung:N", scale=shapes, legend=alt.Legend(title=None, orient="top"))
     base = alt.Chart(alt.InlineData(values=data)).encode(x=x, color=colour)
     dots = base.mark_point(size=60, filled=True).encode(
         y=y, shape=shape, tooltip=[alt.Tooltip(f"{k}:N") for k in ("scene", "rung", "shown")]
@@ -146,7 +147,9 @@ def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> 
         legend=alt.Legend(title=None, orient="top"),
     )
     shape = alt.Shape(
-        "what:N", scale=alt.Scale(domain=kinds, range=[s for _, s in looks]), legend=alt.Legend(title=None)
+        "what:N",
+        scale=alt.Scale(domain=kinds, range=[s for _, s in looks]),
+        legend=alt.Legend(title=None, orient="top"),
     )
     base = alt.Chart(alt.InlineData(values=data)).encode(y=y, color=colour)
     tips = [alt.Tooltip(f"{k}:N", title=t) for k, t in (("name", "effect"), ("shown", "size"), ("basis", "basis"))]
