@@ -92,11 +92,8 @@ def write_report(run_dir: str | Path) -> Path:
         skipped=list(skips_of_cells(cells).items()),
         cached=sum(row["source"] == "cache" for row in costs),
         timed=len(costs),
-        provenance=_provenance(run),
+        **_record(run),
         exports=EXPORTS,
-        machine=_facts(run.get("machine")),
-        versions=_facts(run.get("versions")),
-        facts=_facts({k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}),
         data=_data(charts.specs(), ran, pictures, order),
     )
     path = folder / "report.html"
@@ -129,6 +126,17 @@ def _legend(ran: list[Cell], order: list[str], styles: Mapping[str, Style]) -> l
     """The estimators with colour and mark, the most accurate first."""
     labels = sorted({c.label for c in ran}, key=lambda n: (order.index(n) if n in order else len(order), n))
     return [{"label": n, "colour": styles[n][0], "shape": styles[n][1]} for n in labels]
+
+
+def _record(run: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
+    """The facts of run.json: those beside the verdict, and all of them in three groups."""
+    rest = {k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}
+    return {
+        "provenance": _provenance(run),
+        "machine": _facts(run.get("machine")),
+        "versions": _facts(run.get("versions")),
+        "facts": _facts(rest),
+    }
 
 
 def _provenance(run: dict[str, Any]) -> list[tuple[str, str]]:
