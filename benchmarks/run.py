@@ -341,7 +341,9 @@ class _Run:
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
         """Store the picture of an estimate for the page, if its stage gives one."""
-        found = ((q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths)
+        found = (
+            (q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths
+        )
         quantity, index = next(found, (None, None))
         if quantity is None or index is None:
             return
