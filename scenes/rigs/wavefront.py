@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ...optics.correlation.waveforms import gate_area, sample_gate
 from ..base import Vec3
 from ..errors import InputError
 from ..medium_index import medium_data
+from ..sampling import optics_gate
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
 from .parts import Camera, Illumination
@@ -23,6 +25,8 @@ __all__ = ["KIND", "WavefrontRig", "wavefront_rig"]
 
 #: Samples of the declared spot per pixel, and its half width in pitches.
 _PER_PX, _REACH = 16, 3.5
+#: Samples of the gate from which its centroid follows.
+_PER_GATE = 1024
 
 
 def wavefront_rig(scene: RigScene) -> WavefrontRig:
@@ -61,9 +65,19 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
         "reference": {"exposures": rig.frames.reference_exposures},
         "reflection": rig.reflection,
+        "gate": {"centre_s": _gate_centre_s(rig)},
         "medium": medium_data(medium, rig.wavelength_m),
         "t0_s": rig.t0_s,
+        **({} if rig.imager is None else {"imager": rig.imager.model_dump(mode="json")}),
     }
+
+
+def _gate_centre_s(rig: WavefrontRig) -> float:
+    """Centroid of the gate's transmission after its opening half-height edge [s]."""
+    gate = optics_gate(rig.gate)
+    start, value = sample_gate(gate, gate_area(gate) / _PER_GATE)
+    at = start + gate_area(gate) / _PER_GATE * np.arange(value.size)
+    return float(f"{float((at * value).sum() / value.sum()):.9g}")
 
 
 def _rounded(values: Any) -> list[float]:
