@@ -18,6 +18,8 @@ from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
 RUNGS = ("geometric", "isolated", "coherent")
+#: What generation may refuse: samples too coarse, too few cells, a field too wide, a flow that one screen cannot hold.
+REFUSED = ("half a turn", "not independent", "spreads over too many", "flows too far")
 CHAINS = (
     "spot-centroid",
     "spot-ml",
@@ -105,9 +107,7 @@ def _check(seed: int) -> bool:
         try:
             capture = generate(scene, seed=seed, fidelity=rung, truth_electrons=True)
         except InputError as error:
-            assert any(word in error.what for word in ("half a turn", "not independent", "spreads over too many")), (
-                error
-            )
+            assert any(word in error.what for word in REFUSED), error
             return False
         again = generate(scene, seed=seed, fidelity=rung)
     assert np.array_equal(capture["counts"], again["counts"]) and np.array_equal(
@@ -141,5 +141,6 @@ def test_random_scenes_are_sound(first: int) -> None:
 
 
 @pytest.mark.slow
-def test_five_hundred_random_scenes_are_sound(long_run: None) -> None:
-    assert sum(_check(seed) for seed in range(1000, 1500)) >= 250
+@pytest.mark.parametrize("first", range(1000, 1500, 100))
+def test_five_hundred_random_scenes_are_sound(first: int, long_run: None) -> None:
+    assert sum(_check(seed) for seed in range(first, first + 100)) >= 50
