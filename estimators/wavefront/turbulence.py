@@ -27,8 +27,8 @@ Float = npt.NDArray[np.float64]
 
 #: Standard errors of a 95 % interval's half, and by how many of its own the strongest layer must stand out of no turbulence.
 _HALF = 1.96
-#: Least error of a probability that is 0 or 1 in floating point.
-_CERTAIN = 1e-9
+#: A probability is no nearer to 0 or 1: so far out in its tails nobody knows the likelihood.
+_CERTAIN = 1e-6
 
 
 @estimator(
@@ -44,7 +44,7 @@ def turbulence_ml(slopes: xr.Dataset, capture: xr.Dataset, rig: DeclaredRig) -> 
     Returns r0, sigma [m], valid (gate), gates in the order of their delays. sigma is the half 95 % interval of the likelihood ratio
     over 1.96; r0 is invalid where this interval holds no turbulence, or where the gate's frames share fewer than half of their
     lenslets. present (gate): probability of turbulence if half of the captures have some, ln r0 even from .01 to 100 diameters of
-    the pupil; sigma_present = √(P(1 − P)). source [m] (layer): middle of the interval between gates whose layer is strongest;
+    the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle of the interval between gates whose layer is strongest;
     sigma_source is that interval's width over √12. It is invalid for one gate, for a rig that does not declare the gate's centre,
     and where this layer is less than 1.96 of its standard errors above 0.
     """
@@ -61,13 +61,13 @@ def turbulence_ml(slopes: xr.Dataset, capture: xr.Dataset, rig: DeclaredRig) -> 
     for number, one in enumerate(found):
         if one is None:
             continue
-        present[number] = one[1]
+        present[number] = min(max(one[1], _CERTAIN), 1.0 - _CERTAIN)
         low, high = one[0].r0_interval_m
         if np.isfinite(high):
             r0[number], sigma[number] = one[0].r0_m, (high - low) / (2.0 * _HALF)
     source, width = _source(rig, gates, [one[0] for one in found if one is not None])
     with np.errstate(invalid="ignore"):
-        doubt = np.sqrt(np.maximum(present * (1.0 - present), _CERTAIN**2))
+        doubt = np.sqrt(present * (1.0 - present))
     return stage_result(
         "turbulence", r0=r0, sigma=sigma, valid=np.isfinite(r0), present=present, sigma_present=doubt,
         valid_present=np.isfinite(present), source=np.array([source]), sigma_source=np.array([width / np.sqrt(12.0)]),
