@@ -93,9 +93,11 @@ def plan_break(
 
 
 def _modality(name: str) -> str:
-    """The modality of the captures that a built-in estimator reads. This function never imports a plug-in: without named
-    scenes, a plug-in is assumed to read the first modality."""
+    """The modality of the captures that an estimator reads: of a chain that of its built-in links. This function never imports a
+    plug-in: without named scenes, one is assumed to read the first modality."""
     from ...estimators.chain import is_built_in
+    from ...estimators.labels import links_of
     from ...estimators.registry import get_estimator
 
-    return get_estimator(name).modality if is_built_in(name) else next(iter(RIGS))
+    known = [get_estimator(link).modality for link in links_of(name) if is_built_in(link)]
+    return known[0] if known else next(iter(RIGS))

@@ -188,7 +188,8 @@ def _view(rig: WavefrontRig) -> RigView:
 
 
 def _resize(side: int) -> dict[str, Any]:
-    return {"rig.frames.count": side * side}
+    # A frame holds as many spots as the array has lenslets, some hundreds: a few frames are as many elements as side × side pixels.
+    return {"rig.frames.count": max(side // 6, 1)}
 
 
 KIND = RigKind(
