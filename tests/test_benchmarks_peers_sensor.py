@@ -11,7 +11,7 @@ from beambench.benchmarks.peers import sensor_chain
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from /proc")
 def test_a_stream_of_frames_takes_no_more_memory_than_a_few(long_run: None) -> None:
-    """Peak resident memory of two processes: a hundred frames of 256 × 256 doubles would be 52 MB, more than the 5 % that is allowed."""
+    """Peak resident memory of two processes: a hundred frames of 256 × 256 doubles would be 52 MB, more than 5 %."""
     peak = sensor_chain.memory_of_a_stream()
     assert peak["100"] < 1.05 * peak["10"]
 

@@ -1,4 +1,4 @@
-"""The packages that `estimators new --stage centroid` and `--stage reconstruction` write read clean captures within their errors."""
+"""The packages that `estimators new --stage centroid` and `--stage reconstruction` write read clean captures as they should."""
 
 from __future__ import annotations
 
@@ -62,7 +62,9 @@ def test_the_law_of_gain_scales_the_reference_too() -> None:
 @pytest.mark.parametrize("label", ["spot-ml+slope-cell+turbulence-ml", "spot-ml+slope-cell+zernike-ls[modes=4]"])
 def test_estimates_of_lengths_that_truth_alone_has_are_scored(label: str, tmp_path: Path) -> None:
     """Fewer modes than the truth holds are an answer, with the others missing; from a file as from `run`."""
-    beambench.generate("turbulent-tank", overrides={"rig.imager": None}, fidelity="geometric", out=tmp_path / "tank.zarr")
+    beambench.generate(
+        "turbulent-tank", overrides={"rig.imager": None}, fidelity="geometric", out=tmp_path / "tank.zarr"
+    )
     beambench.estimate(tmp_path / "tank.zarr", [label], out=tmp_path / "estimates")
     table = beambench.score(tmp_path / "tank.zarr", tmp_path / "estimates", out=tmp_path / "scores")
     wanted = {"r0", "present", "source"} if "turbulence" in label else {"zernike", "phase"}

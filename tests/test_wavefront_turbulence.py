@@ -65,7 +65,10 @@ def test_the_truth_is_that_of_the_table(flowing: xr.Dataset, still: xr.Dataset) 
 def test_a_diffuse_target_counts_a_layer_by_its_distance() -> None:
     """One pass of a spherical wave: (1 − z/r)^{5/3} of a layer's strength; twice the magnification, twice r0."""
     layer = {"kind": "layers", "layers": [{"range_m": 0.5, "r0_m": 2e-3}]}
-    one = tank(reflection="diffuse", turbulence=layer, bench__magnification=2.0, lenslets__across=4, pupil__diameter_m=5e-4, pupil__modes=4, imager=None)  # fmt: skip
+    one = tank(
+        reflection="diffuse", turbulence=layer, bench__magnification=2.0, lenslets__across=4, pupil__diameter_m=5e-4,
+        pupil__modes=4, imager=None,
+    )  # fmt: skip
     assert one["truth_r0"].values[0] == pytest.approx(2.0 * 2e-3 / 0.5, rel=1e-6)
 
 

@@ -4,8 +4,8 @@ Slopes of F frames are Gaussian with the covariance q C + N, q = r0^{−5/3}. Th
 
     I = ½ F Σ_i (e_i/(1 + q e_i))²,
 
-e the eigenvalues of N^{−1/2} C N^{−1/2}, and r0 has the bound .6 r0/(q √I). N is even here: the mean variance of the slopes' bounds;
-"quasi", since slopes are estimated and not given.
+e the eigenvalues of N^{−1/2} C N^{−1/2}, and r0 has the bound .6 r0/(q √I). N is even here: the mean variance of the slopes'
+bounds; "quasi", since slopes are estimated and not given.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ Float = npt.NDArray[np.float64]
 _CERTAINTY = 1.0
 
 
-def turbulence_bounds(capture: xr.Dataset, sigma_rad: Float, centre_m: Float, pitch_m: float, k_per_m: float) -> Mapping[str, Bound]:  # fmt: skip
+def turbulence_bounds(
+    capture: xr.Dataset, sigma_rad: Float, centre_m: Float, pitch_m: float, k_per_m: float
+) -> Mapping[str, Bound]:
     """The bounds of `r0` [m] (gate), "quasi", and the scales of `present` and `source`; {} for a capture without their truth.
 
     Main arguments:

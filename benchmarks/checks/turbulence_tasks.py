@@ -7,12 +7,12 @@ Captures of the scene `turbulent-tank`, a frame for each of four gates, are gene
 `optics.turbulence.flow`, which is ours: that turbulence rises with the flow, and toward the inlet, is by construction; what is
 measured is whether it is found.
 
-- **Detection**: probability of turbulence at the nearest and the farthest gate, with and without a flow: area under the curve (AUC).
+- **Detection**: probability of turbulence at the nearest and farthest gate, with and without a flow: area under the curve (AUC).
   Its interval is that of resampled captures, and no tighter than as many right answers tell.
 - **Strength**: r0 at the farthest gate over the true one, and the share of captures whose 95 % interval holds it.
 - **Range**: error of the source layer, in gates (1 m), for single layers midway between gates and for the tank, whose strongest
   layer is at 4 m, in the plane of the last mirror: of four answers only "between 3 and 4 m" is within one gate of it.
-- **Deconvolution** (Eq. 31-32), of the farthest gate: gain in PSNR over the image as seen; the same when both are shifted to fit the
+- **Deconvolution** (Eq. 31-32), of the farthest gate: gain in PSNR over the image as seen; the same with both shifted to fit the
   chart best, so that it is no registration; and over the same method with the point spread of a flat wavefront, which only
   diffraction has. As printed Eq. 32 has its least value at the black image, whose PSNR is given beside it.
 """
@@ -74,7 +74,7 @@ def _told(capture: xr.Dataset) -> xr.Dataset:
 def area(present: Float, absent: Float, rng: np.random.Generator) -> tuple[float, float, float]:
     """(area under the curve, its 95 % interval) of a statistic, ties counting one half.
 
-    The interval is that of resampled captures; its ends are at least as far out as n answers that are all right (or all wrong) leave
+    The interval is that of resampled captures; its ends are at least as far out as n answers that are all right (or wrong) leave
     open, .025^{1/n} and the complement, n the smaller number of captures: resampling of a perfect separation varies by nothing.
     """
 
@@ -108,7 +108,8 @@ def registered(image: Float, true: Float) -> Float:
     padded[:rows, :cols], padded[-rows:, :cols] = spectrum[:rows, :cols], spectrum[-rows:, :cols]
     peak = np.unravel_index(int(np.argmax(irfft2(padded, s=shape))), shape)
     back = [
-        np.exp(2j * np.pi * np.fft.fftfreq(size) * at / _FINE) for size, at in zip(image.shape, map(int, peak), strict=True)
+        np.exp(2j * np.pi * np.fft.fftfreq(size) * at / _FINE)
+        for size, at in zip(image.shape, map(int, peak), strict=True)
     ]
     return np.asarray(ifft2(fft2(image) * back[0][:, None] * back[1][None, :]).real)
 
@@ -123,9 +124,12 @@ def gains(capture: xr.Dataset) -> tuple[float, ...]:
     phase = run_estimator(f"{_SLOPES}+zernike-map", hidden)
     deblur: Any = get_estimator("deblur-tv").function
     better, flat = (
-        np.asarray(deblur(held, hidden, rig)["image"].values[0]) for held in (phase, phase.assign(phase=0.0 * phase["phase"]))
+        np.asarray(deblur(held, hidden, rig)["image"].values[0])
+        for held in (phase, phase.assign(phase=0.0 * phase["phase"]))
     )
-    fitted = {name: psnr(registered(image, true), true) for name, image in (("seen", seen), ("own", better), ("flat", flat))}
+    fitted = {
+        name: psnr(registered(image, true), true) for name, image in (("seen", seen), ("own", better), ("flat", flat))
+    }
     return (
         psnr(better, true) - psnr(seen, true), fitted["own"] - fitted["seen"], fitted["own"] - fitted["flat"], psnr(seen, true),
         psnr(0.0 * true, true),
@@ -156,7 +160,9 @@ def _flow_lines(captures: int, rng: np.random.Generator) -> bool:
     for flow in FLOWS:
         seen = [_captured(tank(flow), 100 + seed) for seed in range(captures)]
         told = [_told(one) for one in seen]
-        near, far = (area(np.array([one["present"].values[gate] for one in told]), absent[:, gate], rng) for gate in (0, 3))
+        near, far = (
+            area(np.array([one["present"].values[gate] for one in told]), absent[:, gate], rng) for gate in (0, 3)
+        )
         true = float(seen[0]["truth_r0"].values[3])
         r0, sigma = (np.array([one[name].values[3] for one in told]) for name in ("r0", "sigma"))
         held = float((np.abs(r0 - true) <= 1.96 * sigma).mean())
@@ -184,7 +190,10 @@ def _layer_lines(captures: int) -> None:
     for number, at in enumerate(LAYERS_M):
         told = [_told(_captured(layer_at(at), 1000 + 100 * number + seed)) for seed in range(captures)]
         error = np.array([abs(float(one["source"].values[0]) - at) for one in told])
-        print(f"{at:g} m | {_shown(share(int((error < 0.5).sum()), error.size), 2)} | {_shown(_within(told, at), 2)}", flush=True)
+        print(
+            f"{at:g} m | {_shown(share(int((error < 0.5).sum()), error.size), 2)} | {_shown(_within(told, at), 2)}",
+            flush=True,
+        )
 
 
 def main(arguments: Sequence[str]) -> int:

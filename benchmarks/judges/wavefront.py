@@ -19,7 +19,8 @@ __all__ = ["JUDGE"]
 
 
 def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
-    """The true slope, coefficients and phase, the turbulence and the chart where the capture has them; and the spot: the declared place, moved by f times the true slope.
+    """The true slope, coefficients and phase, turbulence and chart where the capture has them; and the spot: the declared
+    place, moved by f times the true slope.
 
     Positions are read against a reference, so that a place that is declared wrongly is the same in estimate and truth.
     """

@@ -42,7 +42,7 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
 
 
 def imaged_capture(seed: int = 1) -> xr.Dataset:
-    """`clean_capture` with what a camera of 16 × 16 pixels sees through the same waves: a white square, 10,000 photoelectrons a pixel."""
+    """`clean_capture` with what a camera of 16 × 16 pixels sees through the same waves: a white square."""
     scene = _scene()
     capture = clean_capture(seed)
     lattice, radius = lattice_of(wavefront_rig(scene)), 0.5 * wavefront_rig(scene).pupil.diameter_m

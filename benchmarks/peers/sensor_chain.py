@@ -219,7 +219,7 @@ def stream(frames: int) -> None:
 
 
 def memory_of_a_stream(frames: tuple[int, ...] = (10, 100)) -> dict[str, float]:
-    """Peak resident memory [MB] of a process that streams so many frames, each in a process of its own: {frames: peak}. Linux only."""
+    """Peak resident memory [MB] of processes that stream so many frames, one process each: {frames: peak}. Linux only."""
     code = (
         "import sys; from beambench.benchmarks.peers.sensor_chain import stream; stream(int(sys.argv[1]));"
         "print([line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')][0])"

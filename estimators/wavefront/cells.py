@@ -253,7 +253,12 @@ def check_frames(capture: xr.Dataset) -> tuple[DeclaredRig, npt.NDArray[Any], np
 
 
 def measured(
-    capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0, search: Search = "cell", reader: Reader | None = None
+    capture: xr.Dataset,
+    method: Method,
+    *,
+    least_sigmas: float = 5.0,
+    search: Search = "cell",
+    reader: Reader | None = None,
 ) -> xr.Dataset:
     """The result of the stage `centroid`: spots [px] (frame, lenslet, axis), axis 0 along columns.
 

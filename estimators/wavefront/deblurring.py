@@ -60,7 +60,9 @@ def deblur_tv(
             next_step="give the rig a camera beside the lenslets: rig.imager",
         )  # fmt: skip
     if not (weight >= 0.0 and np.isfinite(weight)):
-        raise InputError("A weight is not negative.", where="weight", value=weight, allowed="above 0, or 0: from the noise")
+        raise InputError(
+            "A weight is not negative.", where="weight", value=weight, allowed="above 0, or 0: from the noise"
+        )
     white, floor = rig.number("imager.photoelectrons", above=0), rig.number("imager.read_noise_e", least=0)
     seen = np.asarray(capture["image"].values, np.float64) / white
     own = weight or 0.02 * float(np.sqrt(0.5 / white + (floor / white) ** 2))
@@ -83,7 +85,7 @@ def deblur_tv(
 
 @dataclass(frozen=True, eq=False)
 class _Wave:
-    """A reconstructed phase [rad] and `pupil` (samples, samples), and surfaces (n, samples, samples) [rad] of one standard error each."""
+    """A reconstructed phase [rad] and `pupil` (samples, samples); surfaces (n, samples, samples) [rad] of one standard error."""
 
     phase: Float
     pupil: Bool

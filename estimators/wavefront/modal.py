@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -19,7 +20,17 @@ from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
 
-__all__ = ["Modes", "Solver", "check_disc", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes", "zernike_ls"]
+__all__ = [
+    "Modes",
+    "Solver",
+    "check_disc",
+    "last_mode",
+    "modal_result",
+    "modes_of",
+    "pupil_grid",
+    "read_slopes",
+    "zernike_ls",
+]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -103,7 +114,13 @@ def modal_result(
     there = np.broadcast_to(good[:, None], coefficient.shape)
     inside = good[:, None, None] & modes.mask
     return stage_result(
-        "reconstruction", zernike=coefficient, sigma=own, valid=there, phase=phase, sigma_phase=spread, valid_phase=inside
+        "reconstruction",
+        zernike=coefficient,
+        sigma=own,
+        valid=there,
+        phase=phase,
+        sigma_phase=spread,
+        valid_phase=inside,
     )
 
 
@@ -152,8 +169,8 @@ def zernike_ls(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, weighted
         modes: greatest Noll index; 0: that of the rig, as far as the slopes can tell modes apart.
 
     Returns zernike, sigma [rad rms] (frame, mode), Noll's index from 2, and phase [rad] on the pupil's grid. sigma is the noise's,
-    of a frame's own σ; what the modes that are left out do to those that are fitted (aliasing) is not in it. A frame is invalid where its
-    slopes do not tell the modes apart. Raises InputError for fewer slopes than modes.
+    of a frame's own σ; what the modes that are left out do to those that are fitted (aliasing) is not in it. A frame is invalid
+    where its slopes do not tell the modes apart. Raises InputError for fewer slopes than modes.
     """
     last = last_mode(rig, modes)
     basis = modes_of(rig, last)
@@ -163,7 +180,11 @@ def zernike_ls(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, weighted
 
 def _least_squares(basis: Modes, own: Float, variance: Float, valid: Bool, *, weighted: bool) -> xr.Dataset:
     frames, number = len(own), basis.slope.shape[2]
-    coefficient, sigma, good = np.full((frames, number), np.nan), np.full((frames, number), np.nan), np.zeros(frames, bool)
+    coefficient, sigma, good = (
+        np.full((frames, number), np.nan),
+        np.full((frames, number), np.nan),
+        np.zeros(frames, bool),
+    )
     shared: list[Float | None] = [None] * frames
     for used in np.unique(valid, axis=0):
         group = np.flatnonzero((valid == used).all(axis=1))
@@ -186,8 +207,8 @@ def _least_squares(basis: Modes, own: Float, variance: Float, valid: Bool, *, we
 class Solver:
     """Least squares of one set of lenslets and weights: c = G s, and with N the variances of the slopes C = G N Gᵀ.
 
-    inverse (mode, slope): G. squares: of its elements, so that diag C = squares · variances. covariance: C for the variances that the
-    weights were taken from, of mean 1.
+    inverse (mode, slope): G. squares: of its elements, so that diag C = squares · variances. covariance: C for the variances that
+    the weights were taken from, of mean 1.
     """
 
     inverse: Float

@@ -1,7 +1,7 @@
 """Centre of gravity over whole cells, compiled: background, moments and their variance straight from the counts of each frame.
 
-The same sums as `cells_of` and `moments`, without an array per cell, in single precision for the sums of a column: of z = (counts − offset)/gain − level the centre is
-c = Σ x z/Σ z, its variance Σ V (x − c)²/(Σ z)².
+The same sums as `cells_of` and `moments`, without an array per cell, in single precision for the sums of a column: of z = (counts −
+offset)/gain − level the centre is c = Σ x z/Σ z, its variance Σ V (x − c)²/(Σ z)².
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _above_offset(counts, offset, out):  # type: ignore[no-untyped-def]
 def _sums(above, cols, place, half, far, dead, top, out, corner):  # type: ignore[no-untyped-def]
     """out (lenslet, _SUMS), and the mean e of the good pixels in each cell's corners (lenslet), NaN where there are none.
 
-    above (rows, cols + _LANES). Each pixel is read once, into sums of its column; what lies beside a cell is left out at the end. In
+    above (rows, cols + _LANES). Each pixel is read once, into sums of a column; what lies beside a cell is left out in the end. In
     one function: a call, or an array that might be another one, takes twice the time.
     """
     low, high, none, one = np.float32(dead), np.float32(top), np.float32(0.0), np.float32(1.0)

@@ -33,7 +33,7 @@ _CERTAIN = 1e-6
 
 @estimator(
     "turbulence",
-    cites="S. S. Wilks, Ann. Math. Stat. 9:60, 1938 (interval); C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974",
+    cites="S. S. Wilks, Ann. Math. Stat. 9:60, 1938 (interval); C. L. Lawson and R. J. Hanson, 1974 (x ≥ 0)",
     joint=True,
 )
 def turbulence_ml(slopes: xr.Dataset, capture: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
@@ -44,9 +44,9 @@ def turbulence_ml(slopes: xr.Dataset, capture: xr.Dataset, rig: DeclaredRig) -> 
     Returns r0, sigma [m], valid (gate), gates in the order of their delays. sigma is the half 95 % interval of the likelihood ratio
     over 1.96; r0 is invalid where this interval holds no turbulence, or where the gate's frames share fewer than half of their
     lenslets. present (gate): probability of turbulence if half of the captures have some, ln r0 even from .01 to 100 diameters of
-    the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle of the interval between gates whose layer is strongest;
-    sigma_source is that interval's width over √12. It is invalid for one gate, for a rig that does not declare the gate's centre,
-    and where this layer is less than 1.96 of its standard errors above 0.
+    the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle of the interval
+    between gates whose layer is strongest; sigma_source is that interval's width over √12. It is invalid for one gate, for a rig that
+    does not declare the gate's centre, and where this layer is less than 1.96 of its standard errors above 0.
     """
     own, variance, valid = read_slopes(slopes, declared_geometry(rig))
     delay = np.asarray(capture["delay"].values, np.float64)

@@ -1,7 +1,7 @@
 """What the camera beside the lenslets sees: a chart, blurred by the wave in the pupil.
 
-v = H(u) + p (Guo et al. 2017, Eq. 31): H the convolution with |F[field]|², u the chart in photoelectrons, p the noise of photons and
-of reading. The chart lies on a black ground twice as wide as the image, so that light leaves the image and none comes in.
+v = H(u) + p (Guo et al. 2017, Eq. 31): H the convolution with |F[field]|², u the chart in photoelectrons, p the noise of photons
+and of reading. The chart lies on a black ground twice as wide as the image, so that light leaves the image and none comes in.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ def strength_and_probability(
     """(`strength_from_slopes`, P(turbulence | slopes)).
 
     P is that of turbulence which is there in half of the cases, ln r₀ then even between two limits [m]: P = Λ/(1 + Λ), Λ =
-    ⟨L(q)⟩/L(0), the mean over ln r₀. Raises ValueError as `strength_from_slopes`, and for limits that are not positive and ascending.
+    ⟨L(q)⟩/L(0), the mean over ln r₀. Raises ValueError as `strength_from_slopes`, and for limits that do not ascend from above 0.
     """
     low, high = r0_limits_m
     if not 0.0 < low < high < np.inf:

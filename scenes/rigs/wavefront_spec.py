@@ -27,7 +27,8 @@ class WavefrontRig(RigSpec):
     is that of the way back. Speckle is not modelled: it is taken as averaged away.
     `turbulence` lies in the water and is not declared. `propagation`: "phase-screens" adds the phases of all layers in the pupil,
     and lenslets are lit evenly; "split-step" propagates the field between layers, and light scintillates. Files of before this
-    choice do not have it and mean phase screens. `imager`: a camera beside the array, if there is one. `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
+    choice do not have it and mean phase screens. `imager`: a camera beside the array, if there is one.
+    `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
     """
 
     kind: Literal["wavefront"] = "wavefront"
