@@ -110,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("\ninterrupted", file=sys.stderr)
         _print_errors(*_notes(error))
         if debug:
-            raise
+            _traceback()
         return 130
     except CycloptsError as error:
         return _print_errors(f"error: {_one_line(str(error))}", f"  next:    beambench {_command(error)}--help")

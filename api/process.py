@@ -11,7 +11,7 @@ from typing import Any
 
 from .scenes.errors import InputError
 
-__all__ = ["check_working_folder", "end_in_order", "keep_standard_streams", "open_standard_streams"]
+__all__ = ["Ended", "check_working_folder", "end_in_order", "keep_standard_streams", "open_standard_streams"]
 
 
 class _Stream(io.FileIO):
@@ -38,16 +38,28 @@ def keep_standard_streams() -> None:
         ))  # fmt: skip
 
 
+class Ended(KeyboardInterrupt):
+    """The process is to end, by a signal.
+
+    A class of its own: where a plain KeyboardInterrupt leaves the `exec` of a text (a dataclass or named tuple of a module that
+    is being imported), CPython remembers it as unhandled and ends the process by SIGINT, although it was handled later
+    (`run_eval_code_obj` in Python/pythonrun.c compares with exactly that class).
+    """
+
+
 def end_in_order() -> None:
-    """Let SIGTERM and SIGHUP end the process as an interrupt does: temporary files are removed, results kept."""
+    """Let SIGINT, SIGTERM and SIGHUP end the process by `Ended`: temporary files are removed, results kept, exit code 130.
+
+    A signal that is ignored, or that the caller handles, stays as it is.
+    """
     if threading.current_thread() is not threading.main_thread():
         return
 
     def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
+        raise Ended
 
-    for sign in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(sign) == signal.SIG_DFL:
+    for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(sign) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(sign, interrupt)
 
 

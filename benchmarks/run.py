@@ -18,7 +18,7 @@ from .folders.kinds import RUN
 from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
-from .report.picture_files import Place, write_picture
+from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.jail import isolation
@@ -31,7 +31,7 @@ from .scores.tables import sort_rows, write_tables
 from .scores.truth import Bound, Truth, aligned, errors_of
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
-from .suites.suite import Cell, Loaded, cells_of, load_suite
+from .suites.suite import Cell, Loaded, cells_of, check_rungs, load_suite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,6 +89,7 @@ def run_suite(
     check_split(split)
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
     cells = cells_of(loaded, split)
+    check_rungs(cells, loaded.suite.rtol)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
     settings: dict[str, Any] = {"verb": RUN.verb, "split": split}
 
@@ -228,7 +229,7 @@ class _Run:
         path = self._store(cell)
         if path.exists():  # when resuming: a store under its final name is complete, and checked on reading
             return open_captures(path)[0]
-        fidelity: Any = self.suite.fidelity
+        fidelity: Any = cell.fidelity
         shutil.rmtree(partial_of(path), ignore_errors=True)  # left by an interrupted run
         capture = self._timed(
             "generate",
@@ -333,18 +334,22 @@ class _Run:
             self.failures.append({
                 "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
             })  # fmt: skip
-        elif outcome.stage.gives[0].is_image and self._shown(cell, job.condition):
+        elif self._shown(cell, job.condition):
             self._draw(cell, chosen, outcome, truth)
         self.done += 1
         self.progress("estimate", self.done, self.total, chosen.label)
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
-        """Store the picture of an estimate for the page."""
-        quantity = outcome.stage.gives[0]
+        """Store the picture of an estimate for the page, if its stage gives one."""
+        found = ((q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths)
+        quantity, index = next(found, (None, None))
+        if quantity is None or index is None:
+            return
         truth = truths[quantity.name]
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
         place = Place(cell.scene_name, chosen.label, outcome.job.condition)
-        write_picture(self.folder / "pictures", place, quantity, value, valid, truth.value, errors_of(value, truth))
+        images = [array[index] for array in (value, valid, truth.value, errors_of(value, truth))]
+        write_picture(self.folder / "pictures", place, quantity, *images)
 
     def _keep(
         self, entry: Entry, condition: str, chosen: Chosen, rows: list[dict[str, Any]], beside: dict[str, Any]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..scenes.json_keys import read_json
 from .store.reader import open_captures
 
 __all__ = ["contents"]
@@ -41,6 +41,10 @@ def _row(index: int, attrs: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _record(attrs: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """The value of an attribute of JSON text; {} if it is absent or null."""
+    """The object in an attribute of JSON text; {} if it is absent, null, or no such text."""
     text = attrs.get(name)
-    return (json.loads(text) if isinstance(text, str) else {}) or {}
+    try:
+        found = read_json(text) if isinstance(text, str) else {}
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

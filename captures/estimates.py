@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scenes.errors import InputError
+from .hdf5_input import Hdf5Input, hdf5_input
 from .layouts import layout_of, stage_of
 from .quantities import Stage, possible_sigma, possible_value
 
 __all__ = ["Estimates", "list_estimates", "read_estimates", "write_estimates"]
 
 SCHEMA_VERSION = 1
+#: Longest dimension that an estimator may choose.
+_LONGEST = 65536
 
 
 @dataclass(frozen=True)
@@ -121,20 +125,28 @@ def read_estimates(
     Warns:
         UserWarning: the file does not state from which captures it was made.
     """
-    import h5py
-
     variables = "the variables of a stage"
     try:
-        with h5py.File(path, "r") as file:
+        with hdf5_input(path) as file:
             _check_version(file, path)
-            label = _text(file.attrs.get("estimator", path.stem))
+            label = _text(file.attribute("estimator", path.stem))
             _check_origin(file, path, modality, captures_sha256)
             stage = _stage(file, path, modality)
             variables = ", ".join(stage.dims())
             stacks = _stacks(file, path, count, stage, sizes)
             numbers = {name: _numbers(file, name, path, count) for name in ("cpu_s", "wall_s", "peak_bytes")}
             status = _statuses(file, path, count)
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+    except (
+        OSError,
+        KeyError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RuntimeError,
+        OverflowError,
+        MemoryError,
+        zlib.error,
+    ) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
@@ -152,10 +164,10 @@ def read_estimates(
     )  # fmt: skip
 
 
-def _stage(file: Any, path: Path, modality: str) -> Stage:
+def _stage(file: Hdf5Input, path: Path, modality: str) -> Stage:
     """The stage that a file states, checked against the captures' modality; by default the modality's first."""
     first = layout_of(modality).stages[0]
-    word = _text(file.attrs.get("stage", first.word))
+    word = _text(file.attribute("stage", first.word))
     words = [stage.word for stage in layout_of(modality).stages]
     if word not in words:
         raise InputError(
@@ -165,30 +177,29 @@ def _stage(file: Any, path: Path, modality: str) -> Stage:
     return stage_of(word)
 
 
-def _stacks(file: Any, path: Path, count: int, stage: Stage, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
+def _stacks(file: Hdf5Input, path: Path, count: int, stage: Stage, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
     """All variables of a stage, checked, as float or (flags) bool."""
     known = dict(sizes)
     stacks: dict[str, NDArray[Any]] = {}
     flags = {stage.variables(quantity).valid for quantity in stage.gives}
     for name, dims in stage.dims().items():
         if name in file:  # the estimator chooses the length of a dimension that the captures lack
-            lengths = _dataset(file, name, path).shape[1:]
-            known |= {dim: n for dim, n in zip(dims, lengths, strict=False) if dim not in known and n}
+            lengths = file.shape(name)[1:]
+            known |= {dim: n for dim, n in zip(dims, lengths, strict=False) if dim not in known and 0 < n <= _LONGEST}
         shape = (count, *(known.get(dim, 0) for dim in dims))
         stack = _stack(file, name, path, shape, flag=name in flags, allowed=", ".join(stage.dims()))
         stacks[name] = stack.astype(bool if name in flags else float)
     return stacks
 
 
-def _statuses(file: Any, path: Path, count: int) -> list[str]:
+def _statuses(file: Hdf5Input, path: Path, count: int) -> list[str]:
     if "status" not in file:
         return ["ok"] * count
-    status = [_text(item) for item in np.ravel(_dataset(file, "status", path)[()])]
-    if len(status) != count:
+    if (found := math.prod(file.shape("status"))) != count:
         raise InputError(
-            "The estimates do not fit the captures.", where=f"{path}: status", value=len(status), allowed=str(count)
+            "The estimates do not fit the captures.", where=f"{path}: status", value=found, allowed=str(count)
         )
-    return status
+    return [_text(item) for item in np.ravel(file.array("status"))]
 
 
 def _judged(one: dict[str, NDArray[Any]], stage: Stage) -> str:
@@ -207,8 +218,8 @@ def _judged(one: dict[str, NDArray[Any]], stage: Stage) -> str:
     return "ok"
 
 
-def _check_version(file: Any, path: Path) -> None:
-    stated = np.ravel(file.attrs.get("schema_version", SCHEMA_VERSION))
+def _check_version(file: Hdf5Input, path: Path) -> None:
+    stated = np.ravel(file.attribute("schema_version", SCHEMA_VERSION))
     if stated.size != 1 or stated.dtype.kind not in "iuf" or stated[0] != SCHEMA_VERSION:
         raise InputError(
             "The estimates have another schema version.",
@@ -218,9 +229,9 @@ def _check_version(file: Any, path: Path) -> None:
         )
 
 
-def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) -> None:
+def _check_origin(file: Hdf5Input, path: Path, modality: str, captures_sha256: str) -> None:
     """Refuse estimates of other captures: equal shapes would have them scored against another capture's truth."""
-    stated = _text(file.attrs.get("modality", modality))
+    stated = _text(file.attribute("modality", modality))
     if stated != modality:
         raise InputError(
             "The estimates are of another modality than the captures.",
@@ -228,7 +239,7 @@ def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) ->
             value=stated,
             allowed=modality,
         )
-    source = _text(file.attrs.get("captures_sha256", ""))
+    source = _text(file.attribute("captures_sha256", ""))
     if not captures_sha256:
         return
     if not source:
@@ -247,21 +258,21 @@ def _check_origin(file: Any, path: Path, modality: str, captures_sha256: str) ->
         )
 
 
-def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...], *, flag: bool, allowed: str) -> NDArray[Any]:
+def _stack(file: Hdf5Input, name: str, path: Path, shape: tuple[int, ...], *, flag: bool, allowed: str) -> NDArray[Any]:
     if name not in file:
         raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed=allowed)
-    dataset = _dataset(file, name, path)
-    if tuple(dataset.shape) != shape:
+    found = file.shape(name)
+    if found != shape:
         # An estimator that failed on every capture writes no image; its statuses give the reasons.
-        if 0 in dataset.shape and dataset.shape[0] == shape[0]:
+        if 0 in found and found[0] == shape[0]:
             return np.full(shape, False if flag else np.nan)
         raise InputError(
             "The estimates do not fit the captures.",
             where=f"{path}: {name}",
-            value=tuple(dataset.shape),
+            value=found,
             allowed=f"{shape}: (capture, row, col)",
         )
-    values = np.asarray(dataset[()])
+    values = file.array(name)
     if values.dtype.kind not in "biuf":
         raise InputError(
             f"The estimates' `{name}` holds no numbers.", where=f"{path}: {name}", value=str(values.dtype),
@@ -274,22 +285,11 @@ def _stack(file: Any, name: str, path: Path, shape: tuple[int, ...], *, flag: bo
     return values
 
 
-def _dataset(file: Any, name: str, path: Path) -> Any:
-    import h5py
-
-    found = file[name]
-    if not isinstance(found, h5py.Dataset) or found.shape is None:
-        raise InputError(
-            f"The estimates' `{name}` is no array.", where=f"{path}: {name}", value=type(found).__name__,
-            allowed="a dataset over (capture, row, col)",
-        )  # fmt: skip
-    return found
-
-
-def _numbers(file: Any, name: str, path: Path, count: int) -> list[float]:
+def _numbers(file: Hdf5Input, name: str, path: Path, count: int) -> list[float]:
     # A program without one-dimensional arrays writes a vector as a row or a column.
-    values = list(map(float, np.ravel(_dataset(file, name, path)[()]))) if name in file else []
-    return values if len(values) == count else [math.nan] * count
+    if name not in file or math.prod(file.shape(name)) != count:
+        return [math.nan] * count
+    return list(map(float, np.ravel(file.array(name))))
 
 
 def _text(value: Any) -> str:

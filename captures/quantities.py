@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["CAPTURE", "GREATEST", "LEAST", "Quantity", "Stage", "possible_sigma", "possible_value"]
+__all__ = ["CAPTURE", "COORDINATES", "GREATEST", "LEAST", "Quantity", "Stage", "possible_sigma", "possible_value"]
 
 #: Input of the first stage of a modality.
 CAPTURE = "capture"
+#: Input of later stages: the capture's coordinates without its data, as the attitude of every frame.
+COORDINATES = "coordinates"
 
 
 #: Least standard error and greatest magnitude of an answer, in any unit: squares of their ratios are still numbers.
@@ -95,8 +97,8 @@ class Stage:
         word: argument of `@estimator`, unique over all modalities.
         name: entry of the column `stage` in tables.
         modality: modality of the captures at the start of the chain.
-        takes: inputs in order: "capture", the names of quantities of other stages, "rig". A stage may take both a quantity and
-            the capture, e.g. for the delays of its frames.
+        takes: inputs in order: "capture", the names of quantities of other stages, "rig", "coordinates". A stage may take both a
+            quantity and the capture, e.g. for an image beside the frames.
         gives: quantities that the stage returns; the main one comes first.
     """
 
@@ -109,7 +111,7 @@ class Stage:
     @property
     def reads_captures(self) -> bool:
         """Whether the stage reads captures, and not the results of another stage."""
-        return CAPTURE in self.takes and set(self.takes) <= {CAPTURE, "rig"}
+        return CAPTURE in self.takes and set(self.takes) <= {CAPTURE, COORDINATES, "rig"}
 
     def variables(self, quantity: Quantity) -> Variables:
         """The variables of one quantity: `range`, `sigma`, `valid`. For every quantity after the first, the names of the last

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..scenes.errors import InputError
+from ..scenes.json_keys import read_json
 from .layouts import layout_of
 from .layouts.layout import Layout
 from .layouts.schema import FIXED_SIZES, JSON_ATTRIBUTES, SCHEMA_VERSION, TRUTH_KINDS, Variable
@@ -92,7 +92,7 @@ def _check_attributes(capture: xr.Dataset, where: str) -> dict[str, Any]:
         try:
             if not isinstance(attrs[name], str):
                 raise TypeError(f"{type(attrs[name]).__name__}, not text")
-            parsed[name] = json.loads(attrs[name])
+            parsed[name] = read_json(attrs[name])
         except (TypeError, ValueError, RecursionError) as error:
             raise InputError(
                 f"The attribute {name} is not JSON text: {error}.",

@@ -1,4 +1,4 @@
-"""The tables of docs/wavefront.md: python docs/wavefront.py FOLDER, for a folder of sweeps or for that of `beambench run wavefront`.
+"""The tables of docs/wavefront.md: python docs/wavefront.py FOLDER, of sweeps or of `beambench run wavefront`.
 
 A folder of sweeps holds one folder per sweep (`beambench sweep stress-wavefront-flux -o FOLDER/flux`) and gives the table of
 breakdown; a run gives those of centroids and chains. Tables are written between the comments `table:NAME` and `end:NAME`.

@@ -1,7 +1,7 @@
 """Chains: estimators of successive stages under one label, `line-erf+triangulate-refractive`, which reads captures.
 
 Each link gets what its stage takes, in that order: the capture, the result of the earlier link that gives the quantity it names, or
-the declared rig. The result is that of the last link. A parameter belongs to the one link that has it.
+the declared rig, or the capture's coordinates. The result is that of the last link. A parameter belongs to the one link that has it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import typing
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ..captures.quantities import CAPTURE, Stage
+from ..captures.quantities import CAPTURE, COORDINATES, Stage
 from ..scenes.errors import InputError
 from .builtin import BUILTIN
 from .labels import LINK, links_of
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["chained_function", "check_chain", "is_built_in"]
+
+
+#: What every link may take beside the results of earlier ones.
+_ALWAYS = frozenset({"rig", COORDINATES})
 
 
 class Link(Protocol):
@@ -53,11 +57,11 @@ def check_chain(links: Sequence[Link]) -> None:
     label = LINK.join(link.name for link in links)
     given: set[str] = {CAPTURE}
     for number, link in enumerate(links):
-        missing = [name for name in link.stage.takes if name not in given | {"rig"}]
+        missing = [name for name in link.stage.takes if name not in given | _ALWAYS]
         if missing or (number > 0 and link.stage.reads_captures) or link.stage.modality != links[0].stage.modality:
             raise InputError(
                 f"The link {link.name} of a chain does not read what the links before it give.", where=label,
-                value=", ".join(link.stage.takes), allowed=", ".join(sorted(given | {"rig"})),
+                value=", ".join(link.stage.takes), allowed=", ".join(sorted(given | _ALWAYS)),
                 next_step="begin with an estimator that reads captures, and go on with those of the next stages",
             )  # fmt: skip
         given |= {quantity.name for quantity in link.stage.gives}
@@ -98,5 +102,12 @@ def _inputs(stage: Stage, capture: xr.Dataset, results: dict[str, xr.Dataset]) -
     """What a link's function takes, in order."""
     made: list[Any] = []
     for name in stage.takes:
-        made.append(capture if name == CAPTURE else read_rig(capture) if name == "rig" else results[name])
+        if name == CAPTURE:
+            made.append(capture)
+        elif name == "rig":
+            made.append(read_rig(capture))
+        elif name == COORDINATES:
+            made.append(capture.coords.to_dataset())
+        else:
+            made.append(results[name])
     return made

@@ -8,7 +8,6 @@ the value.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -19,6 +18,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..scenes.errors import InputError
+from ..scenes.json_keys import read_json
 
 __all__ = ["Amplifier", "Converter", "DeclaredRig", "Samples", "read_rig", "samples_of"]
 
@@ -199,7 +199,7 @@ def read_rig(capture: xr.Dataset, kind: str | None = None) -> DeclaredRig:
 @lru_cache(maxsize=16)
 def _parsed(text: str) -> DeclaredRig:
     try:
-        values = json.loads(text)
+        values = read_json(text)
     except ValueError as error:
         raise InputError(
             "The declared rig is not JSON.",

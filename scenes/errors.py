@@ -28,7 +28,7 @@ class InputError(ValueError):
         if self.where:
             lines.append(f"  where:   {self.where}")
         if self.value is not None:
-            shown = repr(self.value)
+            shown = _shown(self.value)
             lines.append(f"  value:   {shown if len(shown) <= 200 else shown[:197] + '...'}")
         if self.allowed:
             lines.append(f"  allowed: {self.allowed}")
@@ -38,6 +38,13 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (self.what, self.where, self.value, self.allowed, self.next_step))
+
+
+def _shown(value: object) -> str:
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):  # a whole number of over 4300 digits, a list that is deeply nested
+        return f"(a {type(value).__name__} that cannot be shown)"
 
 
 def _rebuild(what: str, where: str, value: object, allowed: str, next_step: str) -> InputError:

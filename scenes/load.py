@@ -58,8 +58,10 @@ def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) ->
     objects = data.get("target")
     if isinstance(objects, list):
         for index, item in enumerate(objects):
+            if not isinstance(item, dict):
+                continue  # the validation tells
             for part in ("shape", "texture"):
-                spec: Any = item.get(part) if isinstance(item, dict) else None
+                spec: Any = item.get(part)
                 name = spec.get("file") if isinstance(spec, dict) else None
                 where = f"target.{index}.{part}.file"
                 named = f"target.{item.get('name')}.{part}.file"

@@ -25,6 +25,8 @@ __all__ = [
 MeshArrays = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 _MAX_FILE_BYTES = 2**31
+#: Most numbers of a grid, and most of one that becomes a mesh: a node takes 150 bytes there.
+_MAX_TEXELS, _MAX_NODES = 2**26, 2**24
 #: A face has an area if its height is more than this share of its longest edge.
 _FLAT = 1e-12
 #: Corners nearer than this share of the mesh's largest extent are one.
@@ -134,6 +136,8 @@ def read_array(name: str, where: str) -> NDArray[np.float64]:
         raise InputError(
             "The file does not hold a grid of numbers.", where=where, value=name, allowed="one 2-D array, ≥ 2×2"
         )
+    if grid.size > _MAX_TEXELS:
+        raise InputError("The grid is too large.", where=where, value=grid.shape, allowed=f"{_MAX_TEXELS:,} numbers")
     return np.asarray(grid, dtype=np.float64)
 
 
@@ -144,6 +148,10 @@ def load_grid(name: str, where: str) -> NDArray[np.float64]:
         InputError: not such a file, too small, not finite, or flat.
     """
     heights = read_array(name, where)
+    if heights.size > _MAX_NODES:
+        raise InputError(
+            "The grid is too large for a mesh.", where=where, value=heights.shape, allowed=f"{_MAX_NODES:,} nodes"
+        )
     if not np.isfinite(heights).all() or np.ptp(heights) <= 0:
         raise InputError("Heights should be finite and not all equal.", where=where, value=name)
     return heights

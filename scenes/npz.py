@@ -71,11 +71,19 @@ def _array(stream: IO[bytes], size: int) -> npt.NDArray[Any]:
     if dtype.hasobject:
         raise ValueError("it holds pickled objects")
     count = math.prod(shape)
+    if not dtype.itemsize and count:
+        raise ValueError("its elements have no bytes")
     if count * dtype.itemsize != size - stream.tell():
         raise ValueError(f"its header describes {count * dtype.itemsize:,} bytes, and {size - stream.tell():,} follow")
-    data = stream.read()
-    array = np.frombuffer(data, dtype, count) if count and dtype.itemsize else np.zeros(count, dtype)
-    return np.array(array.reshape(shape[::-1]).T if fortran else array.reshape(shape))
+    array = np.empty(count, dtype)
+    if array.nbytes:
+        view, done = memoryview(array.view(np.uint8)), 0
+        while got := stream.readinto(view[done:]):  # type: ignore[attr-defined]
+            done += got
+        if done != array.nbytes:
+            raise ValueError("it ends early")
+        stream.read(1)  # the end of a zip's member, where its checksum is compared
+    return array.reshape(shape[::-1]).T if fortran else array.reshape(shape)
 
 
 def _refused(error: Exception, what: str, where: str) -> InputError:

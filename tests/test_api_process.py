@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -134,3 +135,27 @@ def test_a_url_as_python_argument_is_refused(tmp_path: Path, monkeypatch: pytest
         beambench.generate(
             "flat-wall", out="https://a.b/c.zarr", overrides={"rig.camera.rows": 4, "rig.camera.cols": 4}
         )
+
+
+ENDED = """
+import os, signal, sys
+from beambench import cli
+def command(tokens):
+    # As the import of a module that defines a dataclass does, which `exec`s the text of its methods.
+    exec("os.kill(os.getpid(), int(sys.argv[1]))\\nfor _ in range(10**7): pass")
+cli._run = command
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("debug", [[], ["--debug"]])
+def test_an_end_within_the_exec_of_a_text_is_130(sign: signal.Signals, debug: list[str], tmp_path: Path) -> None:
+    """CPython took the handled interrupt for an unhandled one, and ended the process by SIGINT."""
+    (tmp_path / "ended.py").write_text(ENDED)
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-m", "ended", str(int(sign)), *debug], env=os.environ | {"PYTHONPATH": path},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 130 and "interrupted" in done.stderr, done.stderr

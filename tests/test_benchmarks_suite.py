@@ -38,7 +38,7 @@ def test_the_quickstart_is_as_large_as_promised() -> None:
     loaded = load_suite("quickstart")
     gated = [scene for _, scene in loaded.scenes if scene.modality == "gated"]
     assert len(gated) >= 3
-    assert [scene.modality for _, scene in loaded.scenes if scene.modality != "gated"] == ["laser_line"]
+    assert [scene.modality for _, scene in loaded.scenes if scene.modality != "gated"] == ["laser_line", "wavefront"]
     assert set(loaded.suite.conditions) == {"matched", "calibrated"}
     for scene in gated:
         assert scene.rig.camera.rows >= 256

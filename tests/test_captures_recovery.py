@@ -120,15 +120,21 @@ def test_a_chunk_that_the_manifest_does_not_know_is_kept_aside(store: Path) -> N
     assert (recovery.aside / "counts" / "c.7.0.0.0").read_bytes() == b"mine" and verify(store) == []
 
 
-def test_damaged_metadata_are_not_sent_to_repair(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damaged_metadata_are_sent_to_repair_where_there_is_a_second_manifest(
+    store: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = store / "counts" / "zarr.json"
     file.write_bytes(file.read_bytes() + b" ")
-    assert cli.main(["data", "verify", str(store)]) == 1
-    told = capsys.readouterr().out
-    assert "generate it anew" in told and "repair" not in told
-    with pytest.raises(InputError, match="generate it anew") as caught:
-        open_captures(store)
-    assert "repair" not in str(caught.value)
+    for second in (True, False):
+        if not second:
+            (store / "record.jsonl").unlink()
+        assert cli.main(["data", "verify", str(store)]) == 1
+        told = capsys.readouterr().out
+        with pytest.raises(InputError) as caught:
+            open_captures(store)
+        for text in (told, str(caught.value)):
+            assert ("data repair" in text) == second and ("generate it anew" in text) != second
+    assert cli.main(["data", "repair", str(store)]) == 0 and "written again" in capsys.readouterr().out
 
 
 def test_reading_tells_a_missing_right_from_damage(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,9 +147,10 @@ def test_reading_tells_a_missing_right_from_damage(store: Path, monkeypatch: pyt
     def refused(path: Path) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
-    monkeypatch.setattr(reader, "chunk_mark", refused)
-    with pytest.raises(InputError, match="cannot be read") as caught:
-        captures.load(0)
+    with monkeypatch.context() as patch:
+        patch.setattr(verification, "regular_size", refused)
+        with pytest.raises(InputError, match="cannot be read") as caught:
+            captures.load(0)
     assert "data repair" not in str(caught.value) and "Permission denied" in str(caught.value)
     monkeypatch.setattr(reader, "regular_size", refused)
     with pytest.raises(InputError, match="cannot be read"):

@@ -1,7 +1,8 @@
 """What version 0.1.0 wrote before modalities were records still reads: captures, estimates, suites, run folders.
 
 `files_of_0_1_0.zip` was written by that version's own commands: `generate` (two stores), `estimate`, and `run old.toml`, of
-which captures and drawings are left out.
+which captures and drawings are left out. Counts must be the same to the last one. Ranges may differ by a few steps of float32:
+Embree meets rays and triangles by the processor's approximate reciprocal, which differs between makers.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures import open_captures
 from beambench.captures.validate import validate
 
+STEPS = 8
+"""Steps of float32 by which a float may differ on another maker's processor; one step of 3 m is .24 um."""
+ROUNDED_M = 4e-6
+"""Such steps at the ranges of these scenes, grown by the ratio of sums of the weighted average (1.5 um was seen)."""
+
 
 @pytest.fixture(scope="module")
 def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -31,13 +37,22 @@ def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", ["gated", "waveform"])
-def test_captures_read_and_repeat_bit_by_bit(old: Path, tmp_path: Path, name: str) -> None:
+def test_captures_read_and_repeat(old: Path, tmp_path: Path, name: str) -> None:
     store = old / f"{name}.zarr"
     capture = open_captures(store)[0]
     validate(capture)
     assert capture.attrs["modality"] == name
     again = beambench.generate(like=store, out=tmp_path / "again.zarr")
-    assert again.differing == 0
+    truth = {name: values for name, values in capture.data_vars.items() if values.dtype.kind == "f"}
+    compared = {variable.name: variable for entry in again.comparison for variable in entry.variables}
+    assert set(truth) & set(compared) and set(compared) - set(truth), "floats and counts are both compared"
+    for name, variable in compared.items():
+        assert not variable.note, variable
+        if name in truth:
+            allowed = STEPS * np.spacing(np.float32(np.nanmax(np.abs(truth[name].to_numpy()))))
+            assert variable.max_abs <= allowed, variable
+        else:
+            assert variable.differing == 0, variable
 
 
 def test_estimates_read_and_score(old: Path, tmp_path: Path) -> None:
@@ -60,13 +75,13 @@ def test_a_run_folder_has_its_report_and_compares(old: Path) -> None:
 
 
 def test_a_suite_gives_the_rows_that_it_gave(old: Path, tmp_path: Path) -> None:
-    """The same captures and the same accuracy, bit by bit, as the old version's own run."""
+    """The same captures and the same accuracy as the old version's own run; an error of .1 % in a figure is seen."""
     assert len(load_suite(old / "old.toml").scenes) == 2
     beambench.run(str(old / "old.toml"), out=tmp_path / "run")
     then, now = (read_scores(folder)[list(ACCURACY)] for folder in (old / "run", tmp_path / "run"))
     assert list(then["estimator"]) == list(now["estimator"])
     for name in ACCURACY:
         if then[name].dtype.kind == "f":
-            np.testing.assert_array_equal(then[name].to_numpy(), now[name].to_numpy(), err_msg=name)
+            np.testing.assert_allclose(now[name], then[name], rtol=1e-3, atol=ROUNDED_M, err_msg=name)
         else:
             assert list(then[name]) == list(now[name]), name

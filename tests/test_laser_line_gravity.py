@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from beambench.benchmarks.judges.bound import bounds_of, truths_of
 from beambench.captures.hide import hide_truth
 from beambench.estimators import run_estimator
-from beambench.estimators.laser_line.gravity import gravity_points
+from beambench.estimators.laser_line.gravity import level_points
+from beambench.estimators.result import stage_result
+from beambench.estimators.rig import DeclaredRig
 from beambench.generator.generate import generate
 from beambench.optics.gravity import attitude, level_matrix, level_slopes
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
+CHAIN = "line-ml+triangulate-refractive+level-points"
 SMALL = {"rig.camera.rows": 64, "rig.frames.lit": 1}
 
 
@@ -62,10 +67,9 @@ def test_a_floor_is_level_by_the_inclinometers() -> None:
     heights = {}
     for name, meter in (("right", right), ("biased", right | {"bias_deg": [1.0, 0.0]})):
         capture = made(meter)
-        points = run_estimator("line-ml+triangulate-refractive", hide_truth(capture))
-        level = gravity_points(points, hide_truth(capture))
+        level = run_estimator(CHAIN, hide_truth(capture))
         held = level["valid"].values
-        heights[name] = level["point"].values[held][:, 1]
+        heights[name] = level["level_point"].values[held][:, 1]
         if name == "right":
             z = (heights[name] - distance) / level["sigma"].values[held][:, 1]
             assert held.sum() > 60 and 0.5 < np.sqrt((z**2).mean()) < 1.5
@@ -89,6 +93,33 @@ def test_without_inclinometers_captures_are_what_they_were_and_points_have_no_gr
     plain, with_meter = made(None), made({"pitch_deg": 1.0, "roll_deg": 2.0, "sigma_deg": 1.0, "bias_deg": [0.0, 0.0]})
     np.testing.assert_array_equal(plain["counts"], with_meter["counts"])
     assert "pitch" not in plain.coords and "inclinometers" not in plain.attrs["rig"]
-    points = run_estimator("line-ml+triangulate-refractive", hide_truth(plain))
     with pytest.raises(InputError, match="holds no attitude"):
-        gravity_points(points, hide_truth(plain))
+        run_estimator(CHAIN, hide_truth(plain))
+
+
+def test_level_points_by_closed_form() -> None:
+    """Pitch 30 and roll 90 degrees of a point at (1, 2, 3) m: Rz(90°) gives (−2, 1, 3), and Rx(30°) then (−2, cos 30 − 3 sin 30,
+    sin 30 + 3 cos 30). The error of readings of .01 rad alone is by hand: ∂/∂p turns (y, z) by a quarter, ∂/∂r moves x and y of the rolled
+    point by −y and x before the pitch."""
+    point = np.array([1.0, 2.0, 3.0]).reshape(1, 1, 1, 3)
+    points = stage_result("triangulation", point=point, sigma=np.full((1, 1, 1, 3), 1e-9), valid=np.ones((1, 1, 1), bool))
+    read = xr.Dataset(coords={"pitch": ("frame", [np.pi / 6]), "roll": ("frame", [np.pi / 2])})
+    rig = {"inclinometers": {"sigma_deg": float(np.rad2deg(0.01))}}
+    level = level_points(points, DeclaredRig(json.dumps(rig), rig), read)
+    c, s = np.cos(np.pi / 6), 0.5
+    np.testing.assert_allclose(level["level_point"].values.ravel(), [-2.0, c - 3 * s, s + 3 * c], atol=1e-12)
+    by_pitch, by_roll = np.array([0.0, -(s + 3 * c), c - 3 * s]), np.array([-1.0, -2 * c, -2 * s])
+    np.testing.assert_allclose(level["sigma"].values.ravel(), 0.01 * np.hypot(by_pitch, by_roll), rtol=1e-6)
+
+
+def test_points_in_the_gravity_frame_are_scored() -> None:
+    """As a chain of the capture of a turning rig: truth by the true attitude, whose plane is that of the wall, and z of the stated
+    errors. One reading moves all points of a frame: z of 40 frames is known to 12 %."""
+    meter = {"pitch_deg": 30.0, "roll_deg": 10.0, "sigma_deg": 0.05, "bias_deg": [0.0, 0.0]}
+    capture = made(meter, **{"frames.lit": 40, "camera.rows": 4, "turn_rad_per_s": [0.0, 0.0, 1e-3]})
+    truth, bound = truths_of(capture)["level_point"], bounds_of(capture)["level_point"]
+    assert bound.kind == "quasi" and np.isfinite(bound.sigma[np.isfinite(truth.value)]).all()
+    found = run_estimator(CHAIN, hide_truth(capture))
+    z = ((found["level_point"].values - truth.value) / found["sigma"].values)[found["valid"].values]
+    assert z.size > 300 and 0.6 < np.sqrt(np.mean(z**2)) < 1.4
+    assert not truths_of(made(None)).get("level_point")

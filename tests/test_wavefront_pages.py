@@ -53,7 +53,9 @@ def summary() -> pd.DataFrame:
             rows.append(("spot", "matched", level, name, error / level, 0.05 / level, 1.5, 8e-3))
         rows.append(("spot", "calibrated", 1.0, name, 9.0, 9.0, 9.0, 9.0))
     rows += [(name, "matched", 1.0, "chain", 0.3, 0.2, 2.0, 1e-2) for name in ("zernike", "phase")]
-    return pd.DataFrame(rows, columns="quantity condition level estimator rmse bound z_rms cpu_s".split())
+    return pd.DataFrame(
+        rows, columns=["quantity", "condition", "level", "estimator", "rmse", "bound", "z_rms", "cpu_s"]
+    )
 
 
 def test_tables_of_a_run_are_sorted_by_error(monkeypatch: pytest.MonkeyPatch) -> None:

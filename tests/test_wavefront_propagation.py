@@ -121,12 +121,12 @@ def test_the_slope_of_a_field_with_a_branch_point() -> None:
     side = len(lattice.grid_m) + 2
     x = lattice.step_m * (np.arange(side) - 0.5 * (side - 1))
     p, q, d, k = 21e-6, -40e-6, 150e-6, 2 * np.pi / 532e-9
-    found = slopes((x[None, :] - p) + 1j * (x[:, None] - q), lattice, 32, 532e-9)
+    found = slopes((x[None, :] - p) + 1j * (x[:, None] - q), lattice, 532e-9)
     away = (lattice.x_m - p) ** 2 + (lattice.y_m - q) ** 2 + d**2 / 6
     expected = np.stack([q - lattice.y_m, lattice.x_m - p], axis=1) / (k * away[:, None])
     # Samples a 32nd of a lenslet apart; the zero lies within a lenslet.
     np.testing.assert_allclose(found, expected, atol=5e-3 * np.abs(expected).max())
-    power = irradiances((x[None, :] - p) + 1j * (x[:, None] - q), lattice, 32)
+    power = irradiances((x[None, :] - p) + 1j * (x[:, None] - q), lattice)
     np.testing.assert_allclose(power, away, rtol=1e-2)
 
 

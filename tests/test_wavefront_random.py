@@ -19,7 +19,7 @@ from beambench.scenes.load import load_scene
 
 RUNGS = ("geometric", "isolated", "coherent")
 #: What generation may refuse: samples too coarse, too few cells, a field too wide, a flow that one screen cannot hold.
-REFUSED = ("half a turn", "not independent", "spreads over too many", "flows too far")
+REFUSED = ("half a turn", "not independent", "spreads over too many", "flows too far", "for the speckle")
 CHAINS = (
     "spot-centroid",
     "spot-ml",
@@ -64,17 +64,25 @@ def _changes(seed: int) -> dict[str, Any]:
         "excess_noise_factor": float(rng.uniform(1, 3)),
         "phosphor_sigma_px": float(rng.choice([0.0, 0.6])),
     }
+    more = np.random.default_rng([seed, 1])
+    reflection = str(rng.choice(["mirror", "diffuse"]))
+    effects = {
+        "speckle_looks": int(more.choice([1, 2, 5])) if reflection == "diffuse" and more.random() < 0.7 else None,
+        "pointing_jitter_rad": float(more.choice([0.0, 3e-4])),
+    }
     modes = int(rng.integers(4, 12))
     aberration = {"noll": list(range(2, modes)), "rad": rng.normal(0, 1, modes - 2).tolist()}
     return {
         "target.0.shape.center_m": [0.0, 0.0, far], "target.0.material.albedo": float(rng.uniform(0.01, 1)), "medium": medium,
-        "rig.reflection": str(rng.choice(["mirror", "diffuse"])), "rig.turbulence": _turbulence(rng),
+        "rig.reflection": reflection, "rig.effects": effects if more.random() < 0.7 else None, "rig.turbulence": _turbulence(rng),
         "rig.ambient_e_per_s": float(rng.choice([0.0, 1e8])),
         "rig.lenslets": {
             "across": across, "pitch_m": pitch, "focal_length_m": float(rng.uniform(1e-3, 2e-2)),
             "fill": float(rng.uniform(0.5, 1)),
             "transmission": 0.9, "rotation_deg": float(rng.choice([0.0, rng.uniform(-2, 2)])),
             "offset_m": rng.uniform(-pitch, pitch, 2).tolist(), "missing": [[int(rng.integers(0, across)), 1]],
+            "grid": str(more.choice(["square", "hexagonal"])), "missing_share": float(more.choice([0.0, 0.2])),
+            "missing_seed": int(more.integers(0, 100)),
         },
         "rig.camera.rows": rows, "rig.camera.cols": rows + 3, "rig.camera.pixel_pitch_m": pixel,
         "rig.pupil": {

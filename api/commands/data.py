@@ -51,13 +51,20 @@ def _verify_text(damage: list[Damage], given: Arguments) -> None:
 
 def _advice(data: str, damage: list[Damage]) -> str:
     """How many files are wrong, and what helps: a repair only where `data repair` would do one."""
-    from ..captures.store.manifest import ASK_FOR_RIGHTS, TAKE_ANEW
+    from pathlib import Path
+
+    from ..captures.store.manifest import ASK_FOR_RIGHTS, RECORD, TAKE_ANEW
+    from ..captures.store.verification import FOREIGN
 
     unreadable = sum(item.unreadable for item in damage)
     if unreadable:
         return f"{unreadable} files cannot be read; next: {ASK_FOR_RIGHTS}"
+    foreign = sum(item.problem == FOREIGN for item in damage)
+    if foreign == len(damage):
+        return f"{foreign} files are not of the store; next: move them away"
     metadata = any(item.capture is None and item.file.endswith("zarr.json") for item in damage)
-    return f"{len(damage)} files are damaged; next: " + (TAKE_ANEW if metadata else f"beambench data repair {data}")
+    beyond = metadata and not Path(data).expanduser().joinpath(RECORD).is_file()
+    return f"{len(damage)} files are damaged; next: " + (TAKE_ANEW if beyond else f"beambench data repair {data}")
 
 
 VERIFY = command(
@@ -75,12 +82,20 @@ def _recovery_json(recovery: Recovery, given: Arguments) -> dict[str, Any]:
         "dropped": list(recovery.dropped),
         "damage": [str(item) for item in recovery.damage],
         "aside": None if recovery.aside is None else str(recovery.aside),
+        "restored": list(recovery.restored),
+        "remade": list(recovery.remade),
+        "not_remade": list(recovery.not_remade),
     }
 
 
 def _recovery_text(recovery: Recovery, given: Arguments) -> None:
     dropped = f", dropped {', '.join(map(str, recovery.dropped))}" if recovery.dropped else ""
     print_lines(f"{recovery.path}: {recovery.kept} captures{dropped}")
+    if recovery.restored:
+        print_lines(f"written again: {', '.join(recovery.restored)}")
+    if recovery.remade:
+        print_lines(f"made again: captures {', '.join(map(str, recovery.remade))}")
+    print_lines(*(f"not made again: {reason}" for reason in recovery.not_remade))
     if recovery.aside is not None:
         print_lines(f"{recovery.aside}: the files of the dropped captures")
 
@@ -89,7 +104,7 @@ REPAIR = command(
     "data repair",
     "data:data_repair",
     View(_recovery_text, _recovery_json),
-    examples="Example:\n  beambench data repair captures.zarr",
+    examples="Examples:\n  beambench data repair captures.zarr\n  beambench data repair captures.zarr --regenerate",
 )
 FINALIZE = command(
     "data finalize",

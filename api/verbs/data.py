@@ -46,20 +46,26 @@ def data_verify(data: str | Path) -> list[Damage]:
     return verify(data)
 
 
-def data_repair(data: str | Path, *, overwrite: bool = False) -> Recovery:
-    """Remove the damaged captures of a store and keep the sound ones; the removed files stay beside it in NAME.dropped.
+def data_repair(data: str | Path, *, overwrite: bool = False, regenerate: bool = False) -> Recovery:
+    """Write damaged metadata of a store again, and remove its damaged captures; the removed files stay beside it in NAME.dropped.
 
     Main arguments:
         data: The store, or an unfinished one (NAME.partial).
     Other arguments:
         overwrite: Replace an existing output.
+        regenerate: Make damaged captures again from the scene and the arguments that they record. What is made must have the
+            checksums of what was written; else the capture is removed.
 
     Raises:
-        InputError: There is no store, a file cannot be read, the metadata are damaged, or no capture is sound.
+        InputError: There is no store, a file cannot be read, both sets of metadata are damaged, or no capture is sound.
     """
     from ..captures import repair
 
-    return repair(data, overwrite=overwrite)
+    if not regenerate:
+        return repair(data, overwrite=overwrite)
+    from ..benchmarks.datasets.generate import maker_of
+
+    return repair(data, overwrite=overwrite, make=maker_of(Path(data).expanduser()))
 
 
 def data_finalize(data: str | Path, *, overwrite: bool = False) -> Recovery:

@@ -6,7 +6,6 @@ scales of failure and prior follow from the declared rig (`unbounded`).
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 
@@ -18,6 +17,7 @@ from ...estimators.rig import DeclaredRig, Samples, read_rig
 from ...optics.correlation import response as correlation
 from ...optics.likelihood.model import NoiseModel
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from ...scenes.rigs.parts import Detector
 from ...scenes.scene import Scene
 from ...scenes.validate import validate_spec
@@ -36,7 +36,7 @@ def true_scene(capture: xr.Dataset) -> Scene:
     text = capture.attrs.get("truth_scene")
     if not isinstance(text, str):
         raise InputError("The capture does not state its true scene.", where="attribute truth_scene")
-    return validate_spec(Scene, json.loads(text), "truth_scene")
+    return validate_spec(Scene, read_json(text), "truth_scene")
 
 
 def bounded(capture: xr.Dataset, *truth: str) -> bool:

@@ -20,12 +20,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...estimators.rig import DeclaredRig
-from ...optics.lenslets.gradients import mean_gradients, square
+from ...optics.lenslets.gradients import mean_gradients
+from ...optics.lenslets.hexagons import hexagon_spot
 from ...optics.lenslets.spots import pixel_share_slopes, pixel_shares
 from ...optics.likelihood.fisher_table import information_table
 from ...optics.zernike import zernike
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
-from ...scenes.rigs.wavefront_geometry import Lattice, lattice_of, spot_px
+from ...scenes.rigs.wavefront_geometry import Lattice, corners_m, flat_spots, lattice_of, spot_px, spot_reach_px
 from ..scores.truth import Bound
 from .instrument import bounded, camera_noise, true_scene, unbounded
 from .wavefront_turbulence import image_bound, turbulence_bounds
@@ -81,10 +82,8 @@ def wavefront_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
 def spot_sigma(rig: WavefrontRig, at: Float, flux: Float, level: float) -> Float:
     """σ [px] (lenslet, axis) of spots at `at` (lenslet, axis: column, row) [px] of `flux` (lenslet) photoelectrons, over `level`
     photoelectrons per pixel. Infinite without information."""
-    rows, cols, width = rig.camera.rows, rig.camera.cols, spot_px(rig)
-    px, py = pixel_shares(at[:, 0], width, cols), pixel_shares(at[:, 1], width, rows)
-    dx, dy = pixel_share_slopes(at[:, 0], width, cols), pixel_share_slopes(at[:, 1], width, rows)
-    whole = level + (py * flux[:, None]).T @ px
+    rows, cols = rig.camera.rows, rig.camera.cols
+    whole = level + flat_spots(rig, at[:, 0], at[:, 1], flux)
     information = information_table(camera_noise(rig.detector))(np.maximum(whole, 1e-9))
     reach = int(np.ceil(_REACH * rig.lenslets.pitch_m / rig.camera.pixel_pitch_m))
     step = np.arange(-reach, reach + 1)
@@ -92,10 +91,9 @@ def spot_sigma(rig: WavefrontRig, at: Float, flux: Float, level: float) -> Float
     there = ((row >= 0) & (row < rows))[:, :, None] & ((col >= 0) & (col < cols))[:, None, :]
     col, row = np.clip(col, 0, cols - 1), np.clip(row, 0, rows - 1)
     j = np.where(there, information[row[:, :, None], col[:, None, :]], 0.0)
-    px, dx = (np.take_along_axis(one, col, axis=1)[:, None, :] for one in (px, dx))
-    py, dy = (np.take_along_axis(one, row, axis=1)[:, :, None] for one in (py, dy))
+    along, down, share = _shares(rig, at, col, row)
     light = flux[:, None, None]
-    gradient = np.stack([light * py * dx, light * dy * px, py * px], axis=1)
+    gradient = np.stack([light * along, light * down, share], axis=1)
     fisher = np.einsum("lij,laij,lbij->lab", j, gradient, gradient, optimize=True)
     sigma = np.full((len(at), 2), np.inf)
     scale = np.sqrt(np.maximum(np.einsum("laa->la", fisher), 1e-300))
@@ -107,6 +105,31 @@ def spot_sigma(rig: WavefrontRig, at: Float, flux: Float, level: float) -> Float
     return sigma
 
 
+def _shares(rig: WavefrontRig, at: Float, col: npt.NDArray[np.int64], row: npt.NDArray[np.int64]) -> list[Float]:
+    """[∂P/∂x, ∂P/∂y, P] (lenslet, rows, cols) of spots at `at` in pixels of columns (lenslet, cols) and rows (lenslet, rows)."""
+    if rig.lenslets.hexagonal:
+        spot = hexagon_spot(spot_px(rig), spot_reach_px(rig))
+
+        def held(d_row: int, d_col: int) -> Float:
+            # Clipped indices repeat where a window leaves the image: the table takes rising places only.
+            steps = [
+                np.arange(one.shape[1]) + np.rint(at[:, axis, None]) - one.shape[1] // 2
+                for axis, one in ((1, row), (0, col))
+            ]
+            return np.stack([
+                spot.shares(y - b, x - a, d_row=d_row, d_col=d_col) for y, x, (a, b) in zip(*steps, at, strict=True)
+            ])  # fmt: skip
+
+        return [-held(0, 1), -held(1, 0), held(0, 0)]
+    width = spot_px(rig)
+    px, py = pixel_shares(at[:, 0], width, rig.camera.cols), pixel_shares(at[:, 1], width, rig.camera.rows)
+    dx = pixel_share_slopes(at[:, 0], width, rig.camera.cols)
+    dy = pixel_share_slopes(at[:, 1], width, rig.camera.rows)
+    px, dx = (np.take_along_axis(one, col, axis=1)[:, None, :] for one in (px, dx))
+    py, dy = (np.take_along_axis(one, row, axis=1)[:, :, None] for one in (py, dy))
+    return [py * dx, dy * px, py * px]
+
+
 def _plain(capture: xr.Dataset, rig: WavefrontRig) -> bool:
     """Whether the likelihood of a pixel is the one that is computed: spots of the closed form, alike and independent pixels."""
     import json
@@ -114,7 +137,8 @@ def _plain(capture: xr.Dataset, rig: WavefrontRig) -> bool:
     rung = json.loads(capture.attrs.get("fidelity", "{}")).get("rung", "geometric")
     tube = rig.detector.intensifier
     spread = tube is not None and tube.phosphor_sigma_px > 0
-    return rung == "geometric" and rig.detector.prnu == 0 and rig.detector.dsnu_e == 0 and not spread
+    speckle = rig.effects is not None and rig.effects.speckle_looks is not None
+    return rung == "geometric" and rig.detector.prnu == 0 and rig.detector.dsnu_e == 0 and not spread and not speckle
 
 
 def _settled(sigma: Float, moved: Float) -> bool:
@@ -139,7 +163,7 @@ def _modal(capture: xr.Dataset, rig: WavefrontRig, lattice: Lattice, slope_sigma
     radius = 0.5 * rig.pupil.diameter_m
     noll = range(2, number + 2)
     centre = np.stack([lattice.x_m, lattice.y_m], axis=1)
-    a = mean_gradients(noll, centre, square(rig.lenslets.pitch_m), radius) * rig.wavelength_m / (2.0 * np.pi)
+    a = mean_gradients(noll, centre, corners_m(rig), radius) * rig.wavelength_m / (2.0 * np.pi)
     unit = lattice.grid_m / radius
     x, y = np.broadcast_arrays(unit[None, :], unit[:, None])
     surface = zernike(noll, x[lattice.mask], y[lattice.mask])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 
 if TYPE_CHECKING:
     from ...captures import CaptureSet
@@ -89,7 +89,7 @@ def check_same_captures(folder: Path, captures: CaptureSet) -> None:
 def _index(folder: Path) -> dict[str, Any]:
     """estimates.json of a folder; {} if it cannot be read."""
     try:
-        index = json.loads((folder / "estimates.json").read_text(encoding="utf-8"))
+        index = read_json((folder / "estimates.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return index if isinstance(index, dict) else {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...captures.compare import Comparison
     from ..folders.progress import Progress
 
-__all__ = ["Generated", "make_stores", "plan_of", "repeat_store"]
+__all__ = ["Generated", "make_stores", "maker_of", "plan_of", "repeat_store"]
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,22 @@ def _make(item: Item) -> xr.Dataset:
         truth_electrons=item.truth_electrons,
         truth_components=item.truth_components,
     )
+
+
+def maker_of(store: Path) -> Callable[[dict[str, Any], str], xr.Dataset]:
+    """Makes a capture of a store again from its attributes; (attributes, place for messages) -> capture.
+
+    Files of its scene are looked for beside the store and in the current folder. The capture raises InputError where its
+    attributes do not say how it was made.
+    """
+    folders = (store.resolve().parent, Path.cwd())
+
+    def make(attrs: dict[str, Any], where: str) -> xr.Dataset:
+        item = recorded(attrs, where, folders, {})
+        check_items([item])
+        return _make(item)
+
+    return make
 
 
 def repeat_store(

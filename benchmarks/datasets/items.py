@@ -77,10 +77,10 @@ def items_of(
                 next_step="change them with --set 'seeds.test=[1, 2]', or generate one of its scenes",
             )
         loaded = load_suite(source, overrides)
-        rung: Any = fidelity or loaded.suite.fidelity
         aimed: Any = loaded.suite.rtol if rtol is None else rtol
         for cell in cells_of(loaded):
             if cell.stress == CELL_NONE:
+                rung: Any = fidelity or cell.fidelity
                 item = Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons, components)
                 groups.setdefault(cell.scene_name, []).append(item)
     else:

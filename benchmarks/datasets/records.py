@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from .items import Item
 
 __all__ = ["difference", "recorded"]
@@ -18,11 +18,11 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
     from ...captures.sources import bare_scene, source_files
 
     try:
-        recorded_scene = bare_scene(json.loads(attrs["truth_scene"]))
-        provenance = json.loads(attrs["provenance"])
+        recorded_scene = bare_scene(read_json(attrs["truth_scene"]))
+        provenance = read_json(attrs["provenance"])
         arguments = provenance["arguments"]
-        chosen = "chosen" in json.loads(attrs.get("fidelity", "{}"))
-        scene = json.loads(item.scene.model_dump_json())
+        chosen = "chosen" in read_json(attrs.get("fidelity", "{}"))
+        scene = read_json(item.scene.model_dump_json())
         if recorded_scene.get("name") != scene["name"]:
             return f"its scene is {recorded_scene.get('name')!r}, not {scene['name']!r}"
         if arguments["seed"] != item.seed:
@@ -41,7 +41,7 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
                 return f"it was made with {name} = {bool(arguments.get(name, False))}"
         if item.key is not None and arguments["capture_key"] != item.key:
             return "it was made with another capture key"
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         return f"it does not record how it was made ({error!r})"
     return ""
 
@@ -61,9 +61,9 @@ def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given
     from ...scenes.load import load_scene
 
     try:
-        provenance = json.loads(attrs["provenance"])
+        provenance = read_json(attrs["provenance"])
         arguments = provenance["arguments"]
-        data = json.loads(attrs["truth_scene"])
+        data = read_json(attrs["truth_scene"])
         scene = load_scene(find_sources(data, provenance.get("files", []), places, given, where))
         item = Item(
             scene,
@@ -74,7 +74,9 @@ def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given
             bool(arguments["truth_electrons"]),
             bool(arguments.get("truth_components", False)),
         )
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(
             "The capture does not record how it was generated.",
             where=where,

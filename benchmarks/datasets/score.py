@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ...estimators.labels import parse_label, split_label
 from ...scenes.errors import InputError
 from ...scenes.forks import refuse_forked
+from ...scenes.json_keys import read_json
 
 if TYPE_CHECKING:
     from ...captures import CaptureSet
@@ -101,5 +101,8 @@ def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, An
 def scene_name(attrs: dict[str, Any], index: int) -> str:
     """Name of a capture's true scene; "capture-<index>" where it tells none."""
     text = attrs.get("truth_scene")
-    scene = json.loads(text) if isinstance(text, str) else None
+    try:
+        scene = read_json(text) if isinstance(text, str) else None
+    except ValueError:
+        scene = None
     return str(scene["name"]) if isinstance(scene, dict) and "name" in scene else f"capture-{index}"

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from ..folders.files import write_json, write_text
 from ..folders.kinds import FIDELITY
 from ..folders.workplace import output_folder, workplace
@@ -68,7 +69,7 @@ def _state(folder: Path, seed: int) -> tuple[list[dict[str, Any]], list[dict[str
     if not (folder / _STATE).exists():
         return [], []
     try:
-        state = json.loads((folder / _STATE).read_text(encoding="utf-8"))
+        state = read_json((folder / _STATE).read_text(encoding="utf-8"))
         drawn, told = int(state["seed"]), [dict(one) for one in state["scenes"]]
         done = {str(one["scene"]) for one in told}
         rows = [row for row in read_rows(folder / "fidelity.csv") if row["scene"] in done]
@@ -146,7 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.scenes, options.seed, options.out, lambda line: print(line, flush=True), resume=options.resume,
         overwrite=options.overwrite,
     )  # fmt: skip
-    told = json.loads((folder / "fidelity.json").read_text(encoding="utf-8"))
+    told = read_json((folder / "fidelity.json").read_text(encoding="utf-8"))
     print(json.dumps({k: v for k, v in told.items() if k != "references"}, indent=1))
     return 0
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from ...captures.store.journal import fsync_path, write_file
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from .kinds import Kind
 
 __all__ = ["EXCHANGE", "UNFINISHED", "exchange", "finish_exchange", "refuse_unfinished", "remove_owned"]
@@ -151,7 +152,7 @@ def _clear(out: Path, plan: Plan, kind: Kind) -> None:
 def _read(out: Path, kind: Kind) -> Plan:
     """The plan in `out`. It is a file like any other: each path is checked, and old files must be the verb's own."""
     try:
-        data: Any = json.loads((out / EXCHANGE).read_bytes())
+        data: Any = read_json((out / EXCHANGE).read_bytes())
         plan = Plan(str(data["verb"]), str(data["aside"]), _moves(data["old"]), _moves(data["new"]))
         if plan.verb != kind.verb or not _ASIDE.fullmatch(plan.aside):
             raise ValueError(f"verb {plan.verb!r}, aside {plan.aside!r}")

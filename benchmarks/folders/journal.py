@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 
 __all__ = ["Journal", "default_folder", "without_nan"]
 
@@ -64,7 +65,7 @@ class Journal:
                 if not _sound(line, _SUM.search(first) is not None):
                     continue
                 try:
-                    entry = json.loads(line)
+                    entry = read_json(line)
                     key, rows = tuple(map(str, entry["key"])), [_with_nan(row) for row in entry["rows"]]
                     beside = dict(entry.get("beside") or {})
                 except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -85,7 +86,7 @@ class Journal:
         found: Any = {}
         try:
             with open(folder / "journal.jsonl", encoding="utf-8") as file:
-                found = json.loads(file.readline())
+                found = read_json(file.readline())
         except (OSError, ValueError, RecursionError):
             pass
         found = found if isinstance(found, dict) else {}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from ...scenes.json_keys import read_json
 
 __all__ = ["BREAK", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
 
@@ -53,7 +54,7 @@ def _read(path: Path) -> dict[str, Any]:
     """The JSON object in a file (in the first line of a .jsonl), {} where there is none."""
     try:
         with open(path, encoding="utf-8") as file:
-            value = json.loads(file.readline() if path.suffix == ".jsonl" else file.read())
+            value = read_json(file.readline() if path.suffix == ".jsonl" else file.read())
     except (OSError, ValueError):
         return {}
     return value if isinstance(value, dict) else {}
@@ -112,7 +113,7 @@ def _never(folder: Path) -> bool:
 
 _TABLES = (
     "scores.csv", "scores.parquet", "accuracy.csv", "summary.csv", "ranking.csv", "pairs.csv", "profiles.csv",
-    "report.html", "speed-accuracy.png", "speed-accuracy.svg",
+    "report.html", "report.csv", "report.md", "report.tex", "report.bib", "speed-accuracy.png", "speed-accuracy.svg",
 )  # fmt: skip
 _OF_A_SUITE = (
     *_TABLES, "run.json", "journal.jsonl", "costs.csv", "errors_by_tile.npz", "captures/*.zarr", "pictures/*__*.npz",

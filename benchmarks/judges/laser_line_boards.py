@@ -16,20 +16,20 @@ import numpy.typing as npt
 
 from ...estimators.laser_line.board import Board, SeenBoard
 from ...estimators.laser_line.board_pose import BoardPose
-from ...estimators.laser_line.bundle import View, adjust, flat_port
-from ...estimators.laser_line.calibrate import with_calibration
-from ...estimators.laser_line.declared import CALIBRATED
+from ...estimators.laser_line.bundle import View, flat_port
+from ...estimators.laser_line.calibrate import adjusted, with_calibration
 from ...estimators.laser_line.geometry import declared_geometry
 from ...estimators.rig import DeclaredRig
 from ...optics.pinhole import Pinhole
 from ...optics.rotation import turned_by
-from ...optics.sheet import Sheet, meeting
+from ...optics.sheet import Sheet
 from ...scenes.errors import InputError
 from ...scenes.medium_index import phase_index
 from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.rigs.laser_line_geometry import line_camera, line_sheet
 from ...scenes.scene import Scene
 from ..suites.spec import Calibration
+from ..written.laser_line_board import seen_line
 from .judge import Draw
 
 __all__ = ["board_calibration"]
@@ -43,8 +43,6 @@ _ROWS, _COLS = 6, 9
 _VIEWS, _POINTS = 8, 40
 #: Index of air at the window.
 _AIR = 1.00027
-#: Least step of the index at the window by which boards tell its distance: in air a plate moves rays by microns.
-_LEAST_STEP = 0.01
 #: Most trials of a pose that keeps the board in view.
 _TRIALS = 2000
 
@@ -64,11 +62,8 @@ def board_calibration(scene: Scene, rig: dict[str, Any], calibration: Calibratio
         shown += [replace(camera, port=replace(camera.port, outside=_AIR))] * _VIEWS
     size = true.camera.rows, true.camera.cols
     views = [_view(one, sheet, board, distance, size, noise, rng) for one in shown]
-    # Without a port, or with air on both sides of it, the stand-off does not show: it stays as declared.
-    shows = camera.port is not None and abs(index - _AIR) > _LEAST_STEP
-    free = [name for name in CALIBRATED if name != "k3" and (name != "stand_off_m" or shows)]
     text = json.dumps(rig)
-    found = adjust(declared_geometry(DeclaredRig(text, rig)), board, views, free)
+    found = adjusted(declared_geometry(DeclaredRig(text, rig)), board, views)
     made: dict[str, Any] = json.loads(with_calibration(text, found))
     return made
 
@@ -88,9 +83,14 @@ def _view(
         pose = BoardPose(turn, centre - turn @ middle)
         seen = np.stack(camera.project(pose.of(board.points())), axis=1)
         inside = np.isfinite(seen).all() and seen.min() > 2 and (seen < np.array(size) - 3).all()
-        if inside and (line := _line(camera, sheet, pose, size)) is not None:
+        if not inside:
+            continue
+        at = np.linspace(0.0, size[0] - 1.0, _POINTS)
+        column = seen_line(camera, sheet, pose, at, size[1])
+        good = (column > 2.0) & (column < size[1] - 3.0)
+        if good.sum() >= _POINTS // 4:
+            at, column = at[good], column[good]
             corners = SeenBoard(seen + noise[0] * rng.standard_normal(seen.shape), np.full(seen.shape, noise[0]))
-            at, column = line
             spread = np.full(at.size, noise[1])
             return View(corners, flat_port(camera.port), at, column + spread * rng.standard_normal(at.size), spread)
     raise InputError(
@@ -98,21 +98,3 @@ def _view(
         where="calibration", value=f"{_TRIALS} random poses about {distance:.3g} m before the camera",
         allowed="a sheet that crosses the view about the target's distance", next_step='leave out the condition "calibrated"',
     )  # fmt: skip
-
-
-def _line(camera: Pinhole, sheet: Sheet, pose: BoardPose, size: tuple[int, int]) -> tuple[Float, Float] | None:
-    """(rows, columns) where the sheet's plane meets the board's, by Newton's method; None where that is not well within the
-    image in a quarter of the rows at the least."""
-    row = np.linspace(0.0, size[0] - 1.0, _POINTS)
-    col = np.full(row.size, 0.5 * size[1])
-
-    def apart(at: Float) -> Float:
-        origin, direction = camera.rays(row, np.clip(at, 0.0, size[1] - 1.0))
-        return sheet.offset(meeting(origin, direction, pose.turn[:, 2], pose.place))
-
-    for _ in range(20):
-        u = apart(col)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            col = np.clip(col - u * 1e-3 / (apart(col + 1e-3) - u), 0.0, size[1] - 2.0)
-    good = (np.abs(apart(col)) < 1e-9) & (col > 2.0) & (col < size[1] - 3.0)
-    return (row[good], col[good]) if good.sum() >= _POINTS // 4 else None

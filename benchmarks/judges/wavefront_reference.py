@@ -4,7 +4,7 @@ A flat wavefront is recorded with the true instrument's lenslets and detector: a
 as many photoelectrons in all as the suite states, in the fewest exposures that stay below half of the detector's range. A joint fit
 of the spots gives their places, and least squares with their stated errors the lattice
 
-    (col, row)_i = o + s R(θ) (k_i, l_i),    k, l the lenslet's column and row in the array,
+    (col, row)_i = o + s R(θ) (k_i, l_i),    k, l the lenslet's place in the array, in pitches,
 
 of four parameters: offset o [px], pitch s [px] and rotation θ. These replace what the rig declares: the places, the rotation, and
 the size of a pixel p = D/s, D the lenslets' pitch, which is a mask's and known. The size of a pixel then scales all slopes by its
@@ -23,10 +23,9 @@ from ...estimators.rig import DeclaredRig
 from ...estimators.wavefront.cells import cells_of
 from ...estimators.wavefront.fits import joint_positions
 from ...estimators.wavefront.geometry import declared_geometry
-from ...optics.lenslets.spots import isolated_image
 from ...scenes.errors import InputError
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
-from ...scenes.rigs.wavefront_geometry import lattice_of, spot_px
+from ...scenes.rigs.wavefront_geometry import flat_spots, lattice_of
 from ...scenes.scene import Scene
 from ..bounds.instrument import camera_noise
 from ..suites.spec import Calibration
@@ -56,14 +55,15 @@ def reference_calibration(scene: Scene, rig: dict[str, Any], calibration: Calibr
     geometry = declared_geometry(declared)
     cells = cells_of(image[None], declared, exposures=exposures)
     found = joint_positions(cells)
-    good = found.good & cells.sound & (np.abs(np.nan_to_num(found.position)) <= 0.5 * geometry.pitch_px).all(axis=1)
+    good = found.good & cells.sound & geometry.within(np.nan_to_num(found.position))
     if good.sum() < _SPOTS:
         raise _refused(f"{int(good.sum())} spots in their cells", f"{_SPOTS} spots or more")
     place = geometry.place_px[good] + found.position[good]
-    offset, turned, rest = _lattice(geometry.site[good], place, found.variance[good])
+    steps = geometry.steps()
+    offset, turned, rest = _lattice(steps[good], place, found.variance[good])
     if rest > _OFF_PX:
         raise _refused(f"spots {rest:.3g} px rms from any lattice", f"{_OFF_PX:g} px or less")
-    return _with(rig, geometry.site, offset, turned)
+    return _with(rig, steps, offset, turned)
 
 
 def _refused(value: str, allowed: str) -> InputError:
@@ -77,9 +77,7 @@ def _refused(value: str, allowed: str) -> InputError:
 def _recorded(rig: WavefrontRig, photoelectrons: float, rng: np.random.Generator) -> tuple[Float, int]:
     """(mean counts of the exposures (rows, cols) [DN], their number) of a flat wavefront."""
     lit, noise = lattice_of(rig, every=True), camera_noise(rig.detector)
-    whole = isolated_image(
-        lit.col_px, lit.row_px, np.full(lit.row.size, photoelectrons), spot_px(rig), (rig.camera.rows, rig.camera.cols)
-    )
+    whole = flat_spots(rig, lit.col_px, lit.row_px, np.full(lit.row.size, photoelectrons))
     gain = noise.intensifier_gain if noise.intensified else 1.0
     top = min((noise.adc_max_dn - noise.offset_dn) / noise.gain_dn_per_e, noise.full_well_e) / gain
     exposures = max(int(np.ceil(float(whole.max()) / (_FILL * top))), 1)
@@ -89,13 +87,13 @@ def _recorded(rig: WavefrontRig, photoelectrons: float, rng: np.random.Generator
     return total / exposures, exposures
 
 
-def _lattice(site: npt.NDArray[np.int64], place: Float, variance: Float) -> tuple[Float, complex, float]:
+def _lattice(steps: Float, place: Float, variance: Float) -> tuple[Float, complex, float]:
     """(offset [px] (2), s e^{iθ} [px], rms rest [px]) by weighted least squares of four parameters.
 
-    site (spot, 2): row and column in the array. place (spot, 2): column and row on the camera.
+    steps (spot, 2): along x and y in the array, in pitches. place (spot, 2): column and row on the camera.
     """
-    row, col = site[:, 0].astype(np.float64), site[:, 1].astype(np.float64)
-    one, none = np.ones(len(site)), np.zeros(len(site))
+    col, row = steps.T
+    one, none = np.ones(len(steps)), np.zeros(len(steps))
     design = np.concatenate([np.stack([one, none, col, -row], axis=1), np.stack([none, one, row, col], axis=1)])
     seen, weight = (
         np.concatenate([place[:, 0], place[:, 1]]),
@@ -105,10 +103,10 @@ def _lattice(site: npt.NDArray[np.int64], place: Float, variance: Float) -> tupl
     return p[:2], complex(p[2], p[3]), float(np.sqrt(((design @ p - seen) ** 2).mean()))
 
 
-def _with(rig: dict[str, Any], site: npt.NDArray[np.int64], offset: Float, turned: complex) -> dict[str, Any]:
+def _with(rig: dict[str, Any], steps: Float, offset: Float, turned: complex) -> dict[str, Any]:
     """The declared rig with a registered lattice."""
     made: dict[str, Any] = json.loads(json.dumps(rig))
-    place = complex(*offset) + turned * (site[:, 1] + 1j * site[:, 0])
+    place = complex(*offset) + turned * (steps[:, 0] + 1j * steps[:, 1])
     made["lenslets"] |= {
         "col_px": [float(value) for value in place.real],
         "row_px": [float(value) for value in place.imag],

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...estimators.laser_line.board import Board
 from ...scenes.load import load_scene
 from ..written.laser_line import written_capture
+from ..written.laser_line_board import board_capture
 from ..written.laser_line_profiles import drawn_heights
 from .maker import Laws
 
@@ -19,6 +21,10 @@ _ELECTRONS, _WIDTH_PX, _BACKGROUND = 4e4, 0.75, 20.0
 _CAMERA = {
     "rig.camera.cols": 96, "rig.detector.adc_bits": 12, "rig.detector.gain_dn_per_e": 0.05,
     "rig.detector.offset_dn": 100.0, "rig.detector.read_noise_e": 20.0, "rig.lens_sigma_px": 0.735,
+}  # fmt: skip
+_STATIONS = {
+    "rig.camera.rows": 192, "rig.camera.cols": 240, "rig.camera.pixel_pitch_m": 25.6e-6, "rig.frames.lit": 5,
+    "rig.frames.laser_off": 5,
 }  # fmt: skip
 #: Columns by which the image is moved.
 _SHIFT = 3
@@ -34,12 +40,29 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
     return written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, column, seed=seed)
 
 
+def level_capture(seed: int = 1) -> xr.Dataset:
+    """`clean_capture` of a rig with inclinometers, pitched by 20 and rolled by -5 degrees, read without error."""
+    meter = {"pitch_deg": 20.0, "roll_deg": -5.0, "sigma_deg": 0.1, "bias_deg": [0.0, 0.0]}
+    scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": _ROWS, "rig.inclinometers": meter})
+    column = 40.0 + 3.0 * np.linspace(0, 1, 2 * _ROWS).reshape(2, _ROWS)
+    capture = written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, column, seed=seed)
+    read = {name: np.full(2, np.deg2rad(meter[f"{name}_deg"])) for name in ("pitch", "roll")}
+    return capture.assign_coords({name: ("frame", value, {"units": "rad"}) for name, value in read.items()})
+
+
 def survey_capture(seed: int = 1) -> xr.Dataset:
     """Twelve frames of 144 rows, whose lines wander as a power law of slope 2.5 by some pixels: profiles of a rough surface."""
     scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": 144, "rig.frames.lit": 12})
     rng = np.random.default_rng(seed)
     wander = drawn_heights(rng, 144, 1.0, 2.5, 3e-6, profiles=12, period=1152)
     return written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, 45.0 + wander, seed=seed)
+
+
+def stations_capture(seed: int = 1) -> xr.Dataset:
+    """Five views of a board in air, 192 × 240 pixels each, with the line beside its squares and without."""
+    return board_capture(
+        load_scene("calibration-air", _STATIONS), Board(6, 9, 0.02, (0.095, 0.035)), place_m=(-0.03, 0.0, 0.6), seed=seed
+    )
 
 
 def _later(capture: xr.Dataset) -> tuple[xr.Dataset, float]:
@@ -60,6 +83,11 @@ def _slope_step(capture: xr.Dataset) -> float:
     return 1.0
 
 
+def _node_step(capture: xr.Dataset) -> float:
+    """Metres per column of a point at about .6 m, for pixels of 25.6 µm, f = 8 mm and b = .2 m: R²/(F b), .006."""
+    return 0.006
+
+
 def _converter(rig: dict[str, Any]) -> dict[str, Any]:
     part: dict[str, Any] = rig["detector"]
     return part
@@ -67,5 +95,6 @@ def _converter(rig: dict[str, Any]) -> dict[str, Any]:
 
 LAWS = Laws(
     (clean_capture,), "an image moved by whole columns, columns moved as far", _later, _step, _converter,
-    {"triangulation": _point_step, "spectrum": _slope_step}, {"spectrum": (survey_capture,)},
+    {"triangulation": _point_step, "spectrum": _slope_step, "gravity": _point_step, "calibration": _node_step},
+    {"spectrum": (survey_capture,), "gravity": (level_capture,), "calibration": (stations_capture,)},
 )  # fmt: skip

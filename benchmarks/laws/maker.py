@@ -40,8 +40,9 @@ class Laws:
         later: capture -> (the capture moved in time or place, by how much the answer must change [unit of the first
             quantity of the stage]).
         step: capture -> change of the answer that belongs to one sample of the data [same unit].
-        steps: word of a stage that reads the results of another -> capture -> change of its answer that belongs to one sample
-            of the data. No law of shifts or of order is tried on such a stage.
+        steps: word of a stage whose answer is no place in the data (it reads the results of another, or says something of the
+            instrument) -> capture -> change of its answer that belongs to one sample of the data. No law of shifts or of order is
+            tried on such a stage.
         own: word of a stage -> makers of its clean captures, where those of `captures` do not hold what it reads.
         converter: declared rig -> the part of it, inside the same object, that holds `gain_dn_per_e`, `offset_dn` and
             `adc_bits`; None where the detector has no converter.

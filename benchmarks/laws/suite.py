@@ -69,7 +69,8 @@ def laws_for(maker: Maker) -> dict[str, Law]:
         "same answer twice": repeats,
         "leaves its input alone": leaves_input,
     }
-    if maker.stage.reads_captures:  # a later stage may know what the place of an element means, as a camera's rows do
+    # A later stage may know what the place of an element means, as a camera's rows do; so may one that reads whole images.
+    if maker.stage.word not in maker.laws.steps:
         laws[f"shift: {maker.laws.shift}"] = shift
         if not maker.joint:
             laws[f"{noun}s do not depend on their order"] = permutation

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..folders.files import write_atomic, write_text
-from .charts import PALETTE, SHAPES, finished
+from .charts import finished
+from .styles import styles_of
 from .text import rate
 
 __all__ = ["TABLE_HEAD", "breakdown_table", "curve_name", "page_section", "read_breakdown", "save_maps"]
@@ -160,8 +161,8 @@ def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> 
     import altair as alt
 
     labels = list(dict.fromkeys(str(p["estimator"]) for p in points))
-    colours = [PALETTE[i % len(PALETTE)] for i in range(len(labels))]
-    shapes = [SHAPES[(i + i // len(PALETTE)) % len(SHAPES)] for i in range(len(labels))]
+    styles = styles_of(labels)
+    colours, shapes = ([styles[label][part] for label in labels] for part in (0, 1))
     legend = alt.Legend(title=None, orient="bottom", columns=3, labelLimit=220)
     colour = alt.Color("estimator:N", scale=alt.Scale(domain=labels, range=colours), legend=legend)
     shape = alt.Shape("estimator:N", scale=alt.Scale(domain=labels, range=shapes), legend=legend)

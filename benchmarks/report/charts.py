@@ -1,8 +1,9 @@
-"""The report's charts as Vega-Lite specs (by Altair): speed against accuracy per scene, failures against stress."""
+"""The chart of speed against accuracy as a Vega-Lite spec (by Altair), per scene; and the look that all charts share."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,18 +11,19 @@ from ..folders.files import write_atomic, write_text
 from .data import Cell, unit_scale
 from .front import SUSPECT
 from .layout import HEIGHT, WIDTH, log_domain, log_ticks, place_labels
+from .styles import Style, styles_of
 from .text import number, rate, span
 
 if TYPE_CHECKING:
     import altair as alt
 
-__all__ = ["panel_title", "panels_of", "save_charts", "speed_accuracy_spec", "stress_groups", "stress_spec"]
+__all__ = ["CHOSEN", "chosen_opacity", "finished", "panel_title", "panels_of", "save_charts", "speed_accuracy_spec"]
 
-#: Okabe and Ito (2008), without black and yellow: distinguishable by the colour-blind, on white and on dark.
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
-FRONT, OTHER, BOUND, GROUND = "#D55E00", "#5b8db8", "#8a8f98", "var(--card)"
-VERDICTS = ("front", "undecided", "dominated")
-SHAPES = ("circle", "triangle-up", "square", "diamond", "cross", "triangle-down")
+FRONT, BOUND, DOUBT, GROUND = "#D55E00", "#8a8f98", "#b00020", "var(--card)"
+#: Marks of the verdicts before the names, in charts and tables.
+VERDICT_MARKS = {"front": "◆ ", "undecided": "◇ ", SUSPECT: "⚠ "}
+#: Parameter of every chart of the page: the label of the chosen estimator, "" for all. The page's script sets it.
+CHOSEN = "chosen"
 
 
 Panel = tuple[str, str, str, str]
@@ -42,18 +44,29 @@ def panel_title(panel: Panel, panels: dict[Panel, list[Cell]]) -> str:
     return f"{panel[0]}: {' '.join(words)}" if several and words else panel[0]
 
 
-def speed_accuracy_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
+def speed_accuracy_spec(
+    cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None
+) -> dict[str, Any]:
     """One panel: CPU time per element (x) against full RMSE (y), both logarithmic; lower left is better.
 
-    `page`: use the width of the container and the colours of the page; otherwise fixed width, dark on white.
+    Colour and mark tell the estimator, a filled mark the first condition. `page`: use the width of the container and the
+    colours of the page; otherwise fixed width, dark on white. `styles`: of the page; by default those of the panel.
     """
-
-    chart = _panel(cells, page=page)
+    chart = _panel(cells, page=page, styles=styles or styles_of(c.label for c in cells))
     chart = chart.properties(width="container" if page else WIDTH, height=HEIGHT)
     return finished(chart, page=page)
 
 
-def _panel(cells: list[Cell], *, page: bool) -> Any:
+def chosen_opacity(page: bool, shown: float = 1.0) -> Any:
+    """Opacity that fades all but the chosen estimator; constant outside the page."""
+    import altair as alt
+
+    if not page:
+        return alt.value(shown)
+    return alt.condition(f"{CHOSEN} === '' || datum.label === {CHOSEN}", alt.value(shown), alt.value(0.12))
+
+
+def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any:
     import altair as alt
 
     factor, unit = unit_scale(cells[0])
@@ -61,53 +74,37 @@ def _panel(cells: list[Cell], *, page: bool) -> Any:
     conditions = sorted({c.condition for c in cells}, key=lambda name: (name != "matched", name))
     drawn.sort(key=lambda c: conditions.index(c.condition))
     bounds = [c.bound * factor for c in drawn if c.bound > 0]
-    points = _points(drawn, factor, unit)
+    points = _points(drawn, factor, unit, conditions, styles, GROUND if page else "#ffffff")
     cpus = [p[k] for p in points for k in ("cpu", "cpu_lo", "cpu_hi") if p[k]]
     errors = [p[k] for p in points for k in ("error", "error_lo", "error_hi") if p[k]] + bounds
     place_labels(points, cpus, errors)
-    data = alt.InlineData(values=points)
+    base = alt.Chart(alt.InlineData(values=points))
     noun = cells[0].noun
     x = alt.X("cpu:Q", title=f"CPU time per {noun}, ns", scale=_log_scale(cpus), axis=_log_axis(cpus))
-    y = alt.Y(
-        "error:Q",
-        title=f"RMSE of all {noun}s, {unit}",
-        scale=_log_scale(errors),
-        axis=_log_axis(errors),
-    )
+    y = alt.Y("error:Q", title=f"RMSE of all {noun}s, {unit}", scale=_log_scale(errors), axis=_log_axis(errors))
     tips = [alt.Tooltip(f"{k}:N", title=t) for k, t in _TIPS.items()]
-    shape = alt.Shape(
-        "condition:N",
-        scale=alt.Scale(domain=conditions, range=list(SHAPES[: len(conditions)])),
-        legend=alt.Legend(title=None, orient="top", symbolFillColor=OTHER, symbolStrokeWidth=0)
-        if len(conditions) > 1
-        else None,
-    )
-    ground = GROUND if page else "#ffffff"
-    # The text of the page explains the marks.
-    legend = None if page else alt.Legend(title=None, orient="top", symbolStrokeWidth=2)
-    doubt = any(c.verdict == SUSPECT for c in drawn)
-    domain = [*VERDICTS, *([SUSPECT] if doubt else [])]
-    fills, strokes = ([FRONT, inner, OTHER, "#b00020"][: len(domain)] for inner in (ground, FRONT))
-    fill = alt.Fill("verdict:N", scale=alt.Scale(domain=domain, range=fills), legend=legend)
-    stroke = alt.Stroke("verdict:N", scale=alt.Scale(domain=domain, range=strokes), legend=legend)
+    own: dict[str, Any] = {
+        "shape": alt.Shape("shape:N", scale=None), "fill": alt.Fill("fill:N", scale=None),
+        "stroke": alt.Stroke("colour:N", scale=None),
+    }  # fmt: skip
     layers = _bound_layers(bounds)
     for position, condition in enumerate(conditions):
         front = [p for p in points if p["front"] and p["condition"] == condition]
         line = alt.Chart(alt.InlineData(values=front)).mark_line(
-            interpolate="step-after", color=FRONT, strokeWidth=1.3, opacity=0.65 if position == 0 else 0.25
+            interpolate="step-after", color=BOUND, strokeWidth=1.3, opacity=0.9 if position == 0 else 0.4
         )
         layers.append(line.encode(x=x, y=y))
-    base = alt.Chart(data)
     for ends, across in (({"x": alt.X("cpu_lo:Q"), "x2": "cpu_hi:Q", "y": y}, "cpu_lo"),
                          ({"x": x, "y": alt.Y("error_lo:Q"), "y2": "error_hi:Q"}, "error_lo")):  # fmt: skip
-        rules = base.transform_filter(f"isValid(datum.{across})").mark_rule(strokeWidth=1.6, opacity=0.75)
-        layers.append(rules.encode(stroke=stroke, **ends))
+        rules = base.transform_filter(f"isValid(datum.{across})").mark_rule(strokeWidth=1.6)
+        layers.append(rules.encode(stroke=own["stroke"], opacity=chosen_opacity(page, 0.75), **ends))
     layers.append(
-        base.mark_point(size=95, opacity=1, strokeWidth=2).encode(
-            x=x, y=y, fill=fill, stroke=stroke, shape=shape, tooltip=tips
+        base.mark_point(size=95, strokeWidth=2, cursor="pointer").encode(
+            x=x, y=y, opacity=chosen_opacity(page), tooltip=tips, **own
         )
     )
-    layers += [text.encode(x=x, y=y, text="text:N", tooltip=tips) for text in _label_marks(base, ground)]
+    opacity = chosen_opacity(page)
+    layers += [text.encode(x=x, y=y, text="text:N", tooltip=tips, opacity=opacity) for text in _label_marks(base, page)]
     return alt.layer(*layers)
 
 
@@ -127,13 +124,16 @@ def _bound_layers(bounds: list[float]) -> list[Any]:
     ]
 
 
-def _label_marks(base: Any, ground: str) -> list[Any]:
+def _label_marks(base: Any, page: bool) -> list[Any]:
     """Each label twice: the first, in the background colour, keeps lines from crossing the letters of the second."""
     import altair as alt
 
+    ground = GROUND if page else "#ffffff"
     place: dict[str, Any] = {side: alt.ExprRef(f"datum.{side}") for side in ("align", "dx", "dy")}
     halo: dict[str, Any] = {"stroke": ground, "strokeWidth": 4, "strokeJoin": "round"}
-    return [base.mark_text(fontSize=11, baseline="middle", **place, **extra) for extra in (halo, {})]
+    return [
+        base.mark_text(fontSize=11, baseline="middle", cursor="pointer", **place, **extra) for extra in (halo, {})
+    ]
 
 
 _TIPS = {
@@ -149,7 +149,9 @@ _TIPS = {
 }
 
 
-def _points(cells: list[Cell], factor: float, unit: str) -> list[dict[str, Any]]:
+def _points(
+    cells: list[Cell], factor: float, unit: str, conditions: list[str], styles: Mapping[str, Style], ground: str
+) -> list[dict[str, Any]]:
     points: list[dict[str, Any]] = [
         {
             "cpu": c.cpu_per_element_s * 1e9,
@@ -162,7 +164,12 @@ def _points(cells: list[Cell], factor: float, unit: str) -> list[dict[str, Any]]
             "error_hi": _or_none(c.error_hi * factor),
             "label": c.label,
             "condition": c.condition,
-            "text": c.label
+            "scene": c.scene,
+            "colour": DOUBT if c.verdict == SUSPECT else styles[c.label][0],
+            "shape": styles[c.label][1],
+            "fill": styles[c.label][0] if c.condition == conditions[0] else ground,
+            "text": VERDICT_MARKS.get(c.verdict, "")
+            + c.label
             + (f" ({rate(c.coverage)})" if c.coverage < 0.99 else "")
             + (", beyond its bound" if c.suspect else ""),
             "shown_error": f"{number(c.rmse_full * factor)}{span(c.error_lo * factor, c.error_hi * factor)} {unit}",
@@ -194,63 +201,7 @@ def _log_axis(values: list[float]) -> alt.Axis:
     return alt.Axis(format="~g", values=log_ticks(*log_domain(values)), labelFlush=False) if values else alt.Axis()
 
 
-def stress_groups(cells: list[Cell]) -> dict[tuple[str, str, str], list[Cell]]:
-    """Stressed cells by (scene, condition, axis), where an axis has at least two levels."""
-    groups: dict[tuple[str, str, str], list[Cell]] = {}
-    for cell in cells:
-        if cell.stressed and not cell.stress2 and not cell.mixed:
-            groups.setdefault((cell.scene, cell.condition, cell.stress), []).append(cell)
-    return {key: group for key, group in groups.items() if len({c.level for c in group}) > 1}
-
-
-def stress_spec(cells: list[Cell], *, page: bool) -> dict[str, Any]:
-    """Share of failed elements (y) against stress level (x), one line per estimator; a crash counts as 100 %."""
-    import altair as alt
-
-    labels = list(dict.fromkeys(c.label for c in cells))
-    numeric = all(_is_number(c.level) for c in cells)
-    cells = [c for c in cells if not c.skipped]
-    rows = [
-        {
-            "level": float(c.level) if numeric else c.level,
-            "failed": c.failure_rate if c.ok else 1.0,
-            "label": c.label,
-            "shown": rate(c.failure_rate) if c.ok else c.status,
-        }
-        for c in cells
-    ]
-    colours = [PALETTE[i % len(PALETTE)] for i in range(len(labels))]
-    shapes = [SHAPES[(i + i // len(PALETTE)) % len(SHAPES)] for i in range(len(labels))]
-    legend = alt.Legend(title=None, orient="bottom", columns=3, labelLimit=150)
-    chart = (
-        alt.Chart(alt.InlineData(values=rows))
-        .mark_line(point=alt.OverlayMarkDef(size=60, filled=True), strokeWidth=1.6)
-        .encode(
-            x=alt.X("level:Q" if numeric else "level:O", title=cells[0].stress),
-            y=alt.Y(
-                "failed:Q", title=f"failed {cells[0].noun}s", axis=alt.Axis(format="%"), scale=alt.Scale(domain=[0, 1])
-            ),
-            color=alt.Color("label:N", scale=alt.Scale(domain=labels, range=colours), legend=legend),
-            shape=alt.Shape("label:N", scale=alt.Scale(domain=labels, range=shapes), legend=legend),
-            tooltip=[
-                alt.Tooltip("label:N", title="estimator"),
-                alt.Tooltip("level:Q" if numeric else "level:N", title=cells[0].stress),
-                alt.Tooltip("shown:N", title="failed"),
-            ],
-        )
-        .properties(width="container" if page else WIDTH, height=HEIGHT)
-    )
-    return finished(chart, page=page)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
-
-
-def save_charts(cells: list[Cell], png: Path, svg: Path) -> str:
+def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, Style]) -> str:
     """Write the speed-accuracy chart of all panels as PNG (2 ×) and SVG; returns the SVG's text.
 
     Raises:
@@ -261,10 +212,10 @@ def save_charts(cells: list[Cell], png: Path, svg: Path) -> str:
 
     panels = panels_of(cells)
     charts = [
-        _panel(group, page=False).properties(width=WIDTH, height=HEIGHT, title=panel_title(panel, panels))
+        _panel(group, page=False, styles=styles).properties(width=WIDTH, height=HEIGHT, title=panel_title(panel, panels))
         for panel, group in panels.items()
     ]
-    spec = finished(alt.concat(*charts, columns=3).resolve_scale(shape="independent"), page=False)
+    spec = finished(alt.concat(*charts, columns=3), page=False)
     drawing: str = vlc.vegalite_to_svg(spec)
     image: bytes = vlc.svg_to_png(drawing, scale=2.0)
     write_atomic(png, lambda path: _write(path, image))
@@ -278,10 +229,14 @@ def _write(path: Path, data: bytes) -> None:
 
 def finished(chart: Any, *, page: bool) -> dict[str, Any]:
     """The spec of a chart with fonts and colours set: those of the page, or dark on white."""
+    import altair as alt
+
     ink = "currentColor" if page else "#1d2330"
     font = (
         "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif" if page else "DejaVu Sans, Arial, sans-serif"
     )
+    if page:
+        chart = chart.add_params(alt.param(name=CHOSEN, value=""))
     chart = chart.configure(background="transparent" if page else "#ffffff", font=font)
     chart = chart.configure_view(stroke=None)
     chart = chart.configure_axis(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ...captures.layouts import LAYOUTS, layout_of
 from ...estimators.labels import label_of
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from ..folders.exchange import refuse_unfinished
 from ..statistics.pooled import bias_is_real, weakest_kind
 from .cell import Cell
@@ -37,7 +37,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = read_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError("The file run.json cannot be read.", where=str(path), value=str(error)) from error
     if not isinstance(record, dict):

@@ -14,37 +14,39 @@ from ..scores.error_tiles import read_tiles
 from ..scores.tables import read_scores
 from .above_bound import above_bound
 from .breakdown import page_section
-from .charts import panel_title, panels_of, save_charts, speed_accuracy_spec, stress_groups, stress_spec
+from .charts import VERDICT_MARKS, save_charts
 from .data import Cell, base_cells, cells_of, read_run, seeds_of, unit_scale
+from .exports import EXPORTS, write_exports
 from .front import mark_front
-from .pictures import (
-    DIVERGING,
-    SEQUENTIAL,
-    Picture,
-    css_gradient,
-    data_uri,
-    error_limit,
-    png,
-    read_pictures,
-    value_limits,
-)
+from .opening import charts_of
+from .pairs import pairs_section
+from .picture_section import picture_scenes, reliefs_of
+from .pictures import DIVERGING, SEQUENTIAL, Picture, read_pictures
 from .ranking import ranking_section
-from .table import score_table
-from .text import failures_of, number, rank, rate, skips_of_cells, summary, time_text
+from .stress_chart import static_stresses
+from .styles import styles_of
+from .table import score_table, sorted_cells
+from .table_csv import table_csv
+from .text import failures_of, rank, rate, skips_of_cells, summary
 
 __all__ = ["write_report"]
 
 _TEMPLATES = Path(__file__).parent / "templates"
+_SCRIPTS = ("state.js", "charts.js", "tables.js", "relief.js", "report.js")
 
 #: Names that the bundled libraries provide to the script of the page.
 _EXPORTS = "window.vegaEmbed = vegaEmbed;"
+#: Facts of run.json that stand beside the verdict; all of them stand at the end of the page.
+_PROVENANCE = ("suite", "version", "hash", "split", "seeds", "started", "finished", "isolation")
 
 
 def write_report(run_dir: str | Path) -> Path:
-    """Write `report.html`, `speed-accuracy.png` and `.svg` into the folder of a run and return the path of the page.
+    """Write `report.html` into the folder of a run and return its path; beside it the same results for other programs.
 
-    Reads scores.csv (or .parquet), run.json and pictures/*.npz. The page loads nothing over the network, and its security
-    policy forbids it; names are escaped, so that a table from an unknown source is safe to open.
+    These are `report.csv`, `report.md`, `report.tex` with `report.bib`, and the chart `speed-accuracy.png` and `.svg`. Reads
+    scores.csv (or .parquet), run.json, pictures/*.npz, captures/*.zarr (what they leave out), and the tables of ranking,
+    pairs, breakdown and rungs. The page loads nothing over the network, and its security policy forbids it; names are
+    escaped, so that a table from an unknown source is safe to open.
 
     Raises:
         InputError: no score table, or an unreadable file.
@@ -55,36 +57,89 @@ def write_report(run_dir: str | Path) -> Path:
     run = read_run(folder)
     pictures = read_pictures(folder / "pictures") if (folder / "pictures").is_dir() else []
     cells = cells_of(table)
+    ran = [cell for cell in cells if not cell.skipped]  # those that do not apply have a list of their own
     base = base_cells(cells)
     costs = read_costs(folder)
     mark_front(base, costs, read_tiles(folder))
-    chart = save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg")
+    styles = styles_of(c.label for c in cells)
+    charts = charts_of(folder, base, cells, styles, _folder_name(folder))
+    order = [r.label for r in rank(base)]
+    suite = str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run"))
+    words = {"title": str(run.get("title") or suite), "command": _command(run)}
+    sentences = summary(table)
     page = _render(
-        title=str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run")),
-        summary=summary(table),
+        **words,
+        suite=suite,
+        summary=sentences,
         doubts=above_bound(cells),
         counts=_counts(table, cells),
-        panels=_panels(base),
-        stresses=_stresses(cells),
-        chart_svg=chart,
-        table=score_table(cells),
-        unit=unit_scale(base[0])[1] if base else "",
-        noun=base[0].noun if base else "element",
-        scenes=_scenes(pictures, [r.label for r in rank(base)]),
+        opening=charts.opening,
+        panels=charts.panels,
+        stresses=charts.stresses,
+        estimators=_legend(cells, order, styles),
+        chart_svg=save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg", styles),
+        stress_svg=static_stresses(charts.groups, styles),
+        table=score_table(ran),
+        verdict_marks=VERDICT_MARKS,
+        unit=_only([unit_scale(c)[1] for c in cells], ""),
+        noun=_only([c.noun for c in cells], "element"),
+        scenes=picture_scenes(pictures, order),
         breakdown=page_section(folder),
         failures=_failures(cells, run),
         ranking=ranking_section(folder),
+        pairs=pairs_section(folder),
         skipped=list(skips_of_cells(cells).items()),
         cached=sum(row["source"] == "cache" for row in costs),
         timed=len(costs),
+        provenance=_provenance(run),
+        exports=EXPORTS,
         machine=_facts(run.get("machine")),
         versions=_facts(run.get("versions")),
         facts=_facts({k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}),
-        command=_command(run),
+        data=_data(charts.specs(), ran, pictures, order),
     )
     path = folder / "report.html"
     write_text(path, page)
+    write_exports(folder, **words, sentences=sentences, base=base_cells(ran), shown=sorted_cells(ran))
     return path
+
+
+def _only(words: list[str], otherwise: str) -> str:
+    """The word, where all are the same."""
+    return words[0] if len(set(words)) == 1 else otherwise
+
+
+def _folder_name(folder: Path) -> str:
+    """The folder's name for commands. A run that replaces another is in its folder `unfinished` until it is complete."""
+    path = folder.resolve()
+    return shlex.quote(path.parent.name if path.name == "unfinished" else path.name)
+
+
+def _data(
+    specs: dict[str, Any], cells: list[Cell], pictures: list[Picture], order: list[str]
+) -> dict[str, str]:
+    """What the page's script reads, as JSON by element id: charts, the table as CSV text, reliefs with their colours."""
+    reliefs = {"scenes": reliefs_of(pictures, order), "value": SEQUENTIAL, "error": DIVERGING}
+    return {
+        name: _script_json(value)
+        for name, value in (("charts", specs), ("csv", table_csv(sorted_cells(cells))), ("reliefs", reliefs))
+    }
+
+
+def _legend(cells: list[Cell], order: list[str], styles: Any) -> list[dict[str, str]]:
+    """The estimators with colour and mark, the most accurate first; those that were skipped have no result to choose."""
+    labels = dict.fromkeys([*order, *(c.label for c in cells)])
+    ran = {c.label for c in cells if not c.skipped}
+    return [{"label": n, "colour": styles[n][0], "shape": styles[n][1]} for n in labels if n in ran]
+
+
+def _provenance(run: dict[str, Any]) -> list[tuple[str, str]]:
+    """The facts that identify a run: suite and its hash, seeds, times, machine and versions."""
+    facts = _facts({name: run.get(name) for name in _PROVENANCE})
+    machine = run.get("machine") or {}
+    versions = run.get("versions") or {}
+    facts += [(name, str(machine[name])) for name in ("processor", "cpu", "device_class") if machine.get(name)]
+    return facts + [(name, str(versions[name])) for name in ("beambench", "python") if versions.get(name)]
 
 
 def _render(**content: Any) -> str:
@@ -101,11 +156,10 @@ def _render(**content: Any) -> str:
     # Only our own files and the bundled library are trusted; everything from the run is inserted as data and escaped.
     trusted = {
         "css": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
-        "script": (_TEMPLATES / "report.js").read_text(encoding="utf-8"),
+        "script": "\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in _SCRIPTS),
         "vega": vlc.javascript_bundle(_EXPORTS).replace("</script", "<\\/script"),
     }
-    charts = {panel["id"]: panel["spec"] for panel in [*content["panels"], *content["stresses"]]}
-    return environment.get_template("report.html.j2").render(**content, **trusted, charts=_script_json(charts))
+    return environment.get_template("report.html.j2").render(**content, **trusted)
 
 
 def _script_json(value: object) -> str:
@@ -127,93 +181,6 @@ def _counts(table: Any, cells: list[Cell]) -> list[tuple[str, str]]:
     noun = cells[0].noun if cells else "element"
     counts = [(str(count), name if count == 1 else name + "s") for name, count in counted.items()]
     return [*counts, (f"{elements / 1e6:.2f} M", f"{noun}s with truth")]
-
-
-def _panels(cells: list[Cell]) -> list[dict[str, Any]]:
-    panels = panels_of(cells)
-    result = []
-    for position, (panel, group) in enumerate(panels.items()):
-        factor, unit = unit_scale(group[0])
-        drawn = [c for c in group if c.ok and c.cpu_per_element_s > 0 and c.rmse_full > 0]
-        words = [f"{c.label} {number(c.rmse_full * factor)} {unit} at {time_text(c.cpu_per_element_s)}" for c in drawn]
-        result.append(
-            {
-                "id": f"chart-{position}",
-                "title": panel_title(panel, panels),
-                "spec": speed_accuracy_spec(group, page=True) if drawn else None,
-                "alt": f"CPU time per {group[0].noun} against RMSE, scene {panel[0]}: " + "; ".join(words),
-            }
-        )
-    return result
-
-
-def _stresses(cells: list[Cell]) -> list[dict[str, Any]]:
-    return [
-        {
-            "id": f"stress-{position}",
-            "title": f"{scene}, {axis}" + (f" ({condition})" if condition else ""),
-            "spec": stress_spec(group, page=True),
-            "alt": f"Share of failed {group[0].noun}s against {axis}, scene {scene}",
-        }
-        for position, ((scene, condition, axis), group) in enumerate(stress_groups(cells).items())
-    ]
-
-
-def _scenes(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]]:
-    scenes: dict[tuple[str, str], list[Picture]] = {}
-    for picture in pictures:
-        scenes.setdefault((picture.scene, picture.condition), []).append(picture)
-    result = []
-    for (scene, condition), group in scenes.items():
-        group.sort(key=lambda p: order.index(p.estimator) if p.estimator in order else len(order))
-        first = group[0]
-        factor, unit = first.shown
-        lo, hi = value_limits(first.truth, 10.0 / factor)
-        limit = error_limit(group)
-        entries = []
-        for picture in group:
-            due = picture.truth == picture.truth
-            answered = ~(due & ~picture.valid)
-            beyond = abs(picture.error[due & picture.valid]) > limit
-            share = float(beyond.mean()) if beyond.size else 0.0
-            entries.append(
-                {
-                    "label": picture.estimator,
-                    "value": data_uri(png(_where(picture.value, picture.valid), lo, hi, SEQUENTIAL, answered=answered)),
-                    "error": data_uri(
-                        png(_where(picture.error, picture.valid), -limit, limit, DIVERGING, answered=answered)
-                    ),
-                    "invalid": rate(float((due & ~picture.valid).sum() / max(1, due.sum()))),
-                    "beyond": rate(share),
-                }
-            )
-        result.append(
-            {
-                "name": scene,
-                "condition": condition,
-                "truth": data_uri(png(group[0].truth, lo, hi, SEQUENTIAL)),
-                "entries": entries,
-                "quantity": first.quantity,
-                "unit": first.unit,
-                "error_unit": unit,
-                "value_bar": css_gradient(SEQUENTIAL),
-                "error_bar": css_gradient(DIVERGING),
-                "value_ticks": _value_ticks(lo, hi),
-                "error_ticks": [f"−{limit * factor:g}", "0", f"+{limit * factor:g}"],
-            }
-        )
-    return result
-
-
-def _where(values: Any, valid: Any) -> Any:
-    import numpy as np
-
-    return np.where(valid, values, np.nan)
-
-
-def _value_ticks(lo: float, hi: float) -> list[str]:
-    digits = 4 if hi - lo < 0.1 else 3 if hi - lo < 1 else 2
-    return [f"{lo:.{digits}f}", f"{(lo + hi) / 2:.{digits}f}", f"{hi:.{digits}f}"]
 
 
 def _failures(cells: list[Cell], run: dict[str, Any]) -> list[dict[str, Any]]:

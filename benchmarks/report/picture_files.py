@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ...captures.quantities import Quantity
 from ..folders.files import write_atomic
 
-__all__ = ["Place", "write_picture"]
+__all__ = ["Place", "picture_index", "write_picture"]
 
 Array = npt.NDArray[Any]
 
@@ -25,6 +25,27 @@ class Place:
     scene: str
     estimator: str
     condition: str
+
+
+#: Dimensions along which neighbours in the array are neighbours in space or time.
+_EXTENDED = {"row", "col", "frame", "pupil_row", "pupil_col"}
+
+
+def picture_index(quantity: Quantity) -> tuple[Any, ...] | None:
+    """Index that reduces an estimate to the picture that a page shows, for all dimensions of the quantity; None without one.
+
+    An image (row, col) and a wavefront (the first frame's pupil) are whole; a line's profiles are the first return of every
+    row, one profile a frame, and of a point the last component (z, its depth). Coefficients, spots and single numbers have
+    no picture.
+    """
+    left = [name for name in quantity.element_dims if name != "return"]
+    if len(left) == 3 and left[0] == "frame":
+        left = left[1:]
+    if len(left) != 2 or not set(left) <= _EXTENDED:
+        return None
+    return tuple(
+        slice(None) if name in left else -1 if name in quantity.components else 0 for name in quantity.dims
+    )  # fmt: skip
 
 
 def write_picture(

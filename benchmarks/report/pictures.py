@@ -18,6 +18,7 @@ from ...scenes.npz import read_npz
 
 __all__ = [
     "DIVERGING",
+    "MAX_SIDE",
     "SEQUENTIAL",
     "Picture",
     "css_gradient",
@@ -59,7 +60,7 @@ DIVERGING = (
 INVALID = "#3a3a3a"
 
 _STEPS = 128  # colour steps: finer than visible, and noisy pictures compress to half the size of 254 steps
-_MAX_SIDE = 320  # longest side of a picture in the page, pixels
+MAX_SIDE = 320  # longest side of a picture in the page, pixels
 _MAX_ELEMENTS = 64 * 2**20
 _WORDS = ("scene", "estimator", "condition", "quantity", "unit")
 
@@ -152,14 +153,20 @@ def error_limit(pictures: list[Picture]) -> float:
 
 
 def png(
-    values: NDArray[Any], lo: float, hi: float, anchors: tuple[str, ...], *, answered: NDArray[np.bool_] | None = None
+    values: NDArray[Any],
+    lo: float,
+    hi: float,
+    anchors: tuple[str, ...],
+    *,
+    answered: NDArray[np.bool_] | None = None,
+    side: int = MAX_SIDE,
 ) -> bytes:
     """A palette PNG of a (row, col) array on the linear scale lo..hi.
 
     Values beyond the scale take its end colours. NaN is transparent, except where `answered` is given and False: there
-    the colour `INVALID` marks a missing answer.
+    the colour `INVALID` marks a missing answer. Larger arrays are reduced to `side` by leaving out samples.
     """
-    step = max(1, math.ceil(max(values.shape) / _MAX_SIDE))
+    step = max(1, math.ceil(max(values.shape) / side))
     values = np.asarray(values, dtype=np.float64)[::step, ::step]
     finite = np.isfinite(values)
     scaled = (np.where(finite, values, lo) - lo) / (hi - lo)

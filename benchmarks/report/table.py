@@ -7,28 +7,33 @@ from typing import Any
 from .data import Cell, unit_scale
 from .text import number, rate, span, time_text
 
-__all__ = ["score_table"]
+__all__ = ["score_table", "sorted_cells"]
 
 
 def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
-    """One row per cell: scene and condition, marks, and (sort key, text) of every figure."""
+    """One row per cell: scene and condition, marks, and (sort key, text) of every figure.
+
+    Errors and bounds are in the unit of their quantity, which their text names where the table has several.
+    """
     rows = []
-    scenes = list(dict.fromkeys(cell.scene for cell in cells))
-    for cell in sorted(cells, key=lambda c: _table_key(c, scenes)):
+    several = len({unit_scale(cell)[1] for cell in cells}) > 1
+    for cell in sorted_cells(cells):
         factor, unit = unit_scale(cell)
         stress = " ".join(filter(None, (cell.stress, cell.level, cell.stress2, cell.level2)))
         low, high = cell.efficiency_lo, cell.efficiency_hi
         efficiency = f" [{low:.2f}, {high:.2f}]" if low == low and high == high else ""
+        after = f" {unit}" if several else ""
+        errors = [
+            (value * factor, number(value * factor) + interval + after)
+            for value, interval in (
+                (cell.rmse_full, span(cell.error_lo * factor, cell.error_hi * factor)),
+                (cell.rmse, ""), (cell.bias, ""), (cell.p95, ""), (cell.bound, ""),
+            )
+        ]  # fmt: skip
         values: list[tuple[float, str]] = [
-            (
-                cell.rmse_full * factor,
-                number(cell.rmse_full * factor) + span(cell.error_lo * factor, cell.error_hi * factor),
-            ),
+            errors[0],
             (cell.coverage, rate(cell.coverage)),
-            (cell.rmse * factor, number(cell.rmse * factor)),
-            (cell.bias * factor, number(cell.bias * factor)),
-            (cell.p95 * factor, number(cell.p95 * factor)),
-            (cell.bound * factor, number(cell.bound * factor)),
+            *errors[1:],
             (cell.efficiency, f"{cell.efficiency:.3f}{efficiency}" if cell.efficiency == cell.efficiency else "–"),
             (cell.z_rms, number(cell.z_rms)),
             (cell.cover95, rate(cell.cover95)),
@@ -60,6 +65,12 @@ def _scatter(cell: Cell) -> str:
     """Half the interval of the time, in per cent."""
     half = 0.5 * (cell.cpu_hi - cell.cpu_lo) / cell.cpu_per_element_s if cell.cpu_per_element_s > 0 else float("nan")
     return f" ± {rate(half)}" if half == half else ""
+
+
+def sorted_cells(cells: list[Cell]) -> list[Cell]:
+    """The cells in the order of the table."""
+    scenes = list(dict.fromkeys(cell.scene for cell in cells))
+    return sorted(cells, key=lambda cell: _table_key(cell, scenes))
 
 
 def _table_key(cell: Cell, scenes: list[str]) -> tuple[Any, ...]:

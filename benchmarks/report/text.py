@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "Ranked", "beaten_by_best", "closing_lines", "failures_of", "number", "plural", "rank", "rate", "skips_of_cells",
+    "Ranked", "beaten_by_best", "closing_lines", "failures_of", "listed", "number", "plural", "rank", "rate", "skips_of_cells",
     "span", "summary", "time_text",
 ]  # fmt: skip
 
@@ -162,7 +162,7 @@ def summary(table: pd.DataFrame) -> list[str]:
     failing = [label for label, places in said.items() if places]
     if failing:
         several = "estimators fail" if len(failing) > 1 else "estimator fails"
-        third = f"{len(failing)} {several} on more than 10 % of the {noun}s in at least one case: {_listed(failing)}."
+        third = f"{len(failing)} {several} on more than 10 % of the {noun}s in at least one case: {listed(failing)}."
     else:
         third = f"No estimator fails on more than 10 % of the {noun}s in any case."
     return [first, second, third]
@@ -215,7 +215,8 @@ def _failure(cell: Cell) -> str:
     return f"{cell.place} ({what})"
 
 
-def _listed(names: list[str], most: int = 4) -> str:
+def listed(names: list[str], most: int = 4) -> str:
+    """The first names, and how many more there are."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ...optics.jit import GIVEN_HASH, cache_folder, source_hash
+from ...scenes.json_keys import read_json
 from .jail import OFF, abi, readable
 from .protocol import THREAD_VARIABLES
 
@@ -133,7 +134,7 @@ class Child:
             return [], True
         self.buffer += data
         *lines, self.buffer = self.buffer.split(b"\n")
-        events = [json.loads(line) for line in lines]
+        events = [read_json(line) for line in lines]
         if len(self.buffer) > 1 << 16 or any(not isinstance(event, dict) for event in events):
             raise ValueError("the child sent no events")
         return events, bool(data)

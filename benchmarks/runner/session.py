@@ -1,8 +1,8 @@
 """Run one estimator on many captures in a child process; every failure of the child becomes a status, not an exception.
 
-The parent supervises the child: it limits wall time, resident memory (of the child and its descendants, by polling) and
-printed output. A child that crashes, hangs or exceeds its memory is killed with its process group, and started again for the
-remaining captures.
+The parent supervises the child: it limits wall time (less the wait for a processor, `patience`), resident memory (of the child
+and its descendants, by polling) and printed output. A child that crashes, hangs or exceeds its memory is killed with its process
+group, and started again for the remaining captures.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import os
 import selectors
 import shutil
 import signal
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +26,7 @@ from ...captures.quantities import Stage
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
 from .house import HOUSE, house_error
+from .patience import Patience
 from .process import Child
 from .protocol import files_of, read_results
 
@@ -233,7 +233,7 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
     }  # fmt: skip
     child.send(message)
     first = not child.warm
-    deadline = time.monotonic() + (limits.warmup_s if first else limits.time_s)
+    patience = Patience(child.process.pid, limits.warmup_s if first else limits.time_s)
     with selectors.DefaultSelector() as selector:
         selector.register(child.events, selectors.EVENT_READ)
         selector.register(child.output, selectors.EVENT_READ)
@@ -258,7 +258,7 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
                         child.warm = True
                         if only_warm:
                             return None, True
-                        deadline = time.monotonic() + limits.time_s
+                        patience = Patience(child.process.pid, limits.time_s)
                     elif kind == "house":
                         return _outcome(child, job, HOUSE + _line(event)), False
                     elif kind in ("error", "memory", "invalid", "skip"):
@@ -271,10 +271,9 @@ def _one(child: Child, job: Job, limits: Limits, answer: Path, only_warm: bool) 
                 return _outcome(child, job, f"flood: printed over {limits.output_bytes} bytes"), False
             if child.resident_bytes() > limits.memory_bytes:
                 return _outcome(child, job, f"memory: over {limits.memory_bytes / 2**20:.0f} MiB resident"), False
-            if time.monotonic() > deadline:
+            if patience.over():
                 stage = "call" if child.warm else "warm-up"
-                limit = limits.time_s if child.warm else limits.warmup_s
-                return _outcome(child, job, f"timeout: {stage} over {limit:g} s"), False
+                return _outcome(child, job, f"timeout: {stage} over {patience.limit_s:g} s"), False
 
 
 def _finished(child: Child, job: Job, event: dict[str, Any], answer: Path) -> Outcome:

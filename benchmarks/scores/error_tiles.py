@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from ...scenes.npz import read_npz
 from ..folders.files import write_atomic
 from .truth import Bound, Truth, errors_of, single_valued
@@ -78,7 +79,7 @@ def read_tiles(folder: Path) -> dict[TileKey, tuple[Float, Float]]:
         return {}
     try:
         data = read_npz(path, "The file of errors by tile")
-        keys = [json.loads(str(name)) for name in data["key"]]
+        keys = [read_json(str(name)) for name in data["key"]]
         sums, counts = np.asarray(data["sums"], np.float64), np.asarray(data["counts"], np.float64)
         found = {
             (str(k[0]), str(k[1]), int(k[2]), str(k[3])): (a, n) for k, a, n in zip(keys, sums, counts, strict=True)

@@ -66,7 +66,7 @@ class Bench:
     Main arguments:
         chosen: the estimators. limits: limits of their child processes.
     Other arguments:
-        fidelity, rtol: arguments of the generator. failure_at: see `score_rows`.
+        rtol: argument of the generator; the rung is the cell's. failure_at: see `score_rows`.
         condition: function (cell, capture) -> declared rig that replaces the one of the capture for the estimators.
     """
 
@@ -76,7 +76,6 @@ class Bench:
         limits: Limits,
         *,
         suite: str = "bench",
-        fidelity: str | None = None,
         rtol: float = 1e-3,
         failure_at: float | None = None,
         condition: str = "matched",
@@ -85,7 +84,7 @@ class Bench:
         self.chosen = {one.label: one for one in chosen}
         self.limits, self.suite, self.failure_at, self.condition = limits, suite, failure_at, condition
         self.captures_made = 0
-        self._fidelity, self._rtol, self._declare = fidelity, rtol, declare
+        self._rtol, self._declare = rtol, declare
         self._spool = Spool()
         self._kept: dict[tuple[Any, ...], Entry] = {}
         self._sessions: dict[str, Session] = {}
@@ -155,7 +154,7 @@ class Bench:
         from ...captures.hide import hide_truth
         from ...generator.generate import generate
 
-        fidelity: Any = self._fidelity
+        fidelity: Any = cell.fidelity
         capture = generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=fidelity, rtol=self._rtol)
         self.captures_made += 1
         hidden = hide_truth(capture)

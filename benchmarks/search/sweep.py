@@ -24,7 +24,7 @@ from ..scores.tables import write_tables
 from ..statistics.skips import not_applicable, skips_of
 from ..suites.spec import Split, Stress, check_split
 from ..suites.stress import axis_unit, stressed, takes_whole_numbers
-from ..suites.suite import CELL_NONE, Cell, Loaded, capture_key, load_suite
+from ..suites.suite import CELL_NONE, Cell, Loaded, capture_key, cells_of, check_rungs, load_suite
 from .bench import Bench, trials_of
 from .breakdown import VARIANTS, breakdown_row, calm_level, change_in_bounds, map_rows, write_breakdown
 from .failure_map import EdgeMap, Point, check_levels, refine_axis, refine_grid
@@ -92,6 +92,7 @@ def sweep_suite(
                          allowed="budget 2 … 1000, depth 0 … 8")  # fmt: skip
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
     _check_levels(loaded)
+    check_rungs(cells_of(loaded, split), loaded.suite.rtol)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
     settings: dict[str, Any] = {"verb": SWEEP.verb, "split": split, "budget": budget, "depth": depth}
     sweep = _Sweep(loaded, chosen, split, budget, depth, progress)
@@ -129,8 +130,8 @@ def _sweep_in(folder: Path, sweep: _Sweep, settings: dict[str, Any], report: boo
     captures = 0
     for condition in spec.conditions:
         with Bench(
-            chosen, spec.limits, suite=spec.suite, fidelity=spec.fidelity, rtol=spec.rtol, failure_at=spec.failure_at,
-            condition=condition, declare=_declare(loaded, condition),
+            chosen, spec.limits, suite=spec.suite, rtol=spec.rtol, failure_at=spec.failure_at, condition=condition,
+            declare=_declare(loaded, condition),
         ) as bench:  # fmt: skip
             sweep.under(bench)
         captures += bench.captures_made
@@ -192,7 +193,8 @@ class _Sweep:
         levels = [pair for pair in ((axis, level), (axis2, level2)) if pair[0] != CELL_NONE]
         changed = stressed(scene, levels)[0]
         key = capture_key(scene_name, axis, level, axis2, level2)
-        return [Cell(scene_name, changed, axis, level, axis2, level2, seed, key) for seed in self.seeds]
+        rung = self.loaded.fidelity(scene_name)
+        return [Cell(scene_name, changed, axis, level, axis2, level2, seed, key, rung) for seed in self.seeds]
 
     def under(self, bench: Bench) -> None:
         """Sweep all stresses under the condition of a bench."""

@@ -10,10 +10,22 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from ...scenes.base import Positive, Spec
 from ...scenes.errors import InputError
 
-__all__ = ["Calibration", "Condition", "Limits", "SceneEntry", "Seeds", "Split", "Stress", "Suite", "check_split"]
+__all__ = [
+    "Calibration",
+    "Condition",
+    "Limits",
+    "Rung",
+    "SceneEntry",
+    "Seeds",
+    "Split",
+    "Stress",
+    "Suite",
+    "check_split",
+]
 
 Condition = Literal["matched", "calibrated"]
 Split = Literal["dev", "test"]
+Rung = Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
@@ -30,12 +42,19 @@ def check_split(split: str) -> None:
 class SceneEntry(Spec):
     """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
 
-    `name` distinguishes two entries of one scene; it defaults to the scene's own name.
+    `name` distinguishes two entries of one scene; it defaults to the scene's own name. `fidelity`: the rung of this scene, where
+    it is not the suite's.
     """
 
     scene: Annotated[str, Field(min_length=1)]
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=120)] | None = None
     overrides: dict[str, Any] = Field(default_factory=dict)
+    fidelity: Rung | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_rung(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # Suites without it keep their hashes.
+        return {name: value for name, value in handler(self).items() if name != "fidelity" or value is not None}
 
 
 class Stress(Spec):
@@ -140,7 +159,7 @@ class Suite(Spec):
     Other arguments:
         failure_at: |error| above which an element counts as failed, in the unit of the main quantity; None: the rule of
             `scores.truth.failure_limit`.
-        fidelity, rtol: arguments of the generator.
+        fidelity, rtol: arguments of the generator; an entry of `scenes` may have a `fidelity` of its own.
     """
 
     example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"
@@ -156,7 +175,7 @@ class Suite(Spec):
     calibration: Calibration | None = None
     estimators: Annotated[tuple[str, ...], Field(min_length=1)]
     failure_at: Positive | None = None
-    fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] = "direct"
+    fidelity: Rung = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
     limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
 

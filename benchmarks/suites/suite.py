@@ -16,13 +16,13 @@ from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
 from ...scenes.validate import validate_spec
-from .spec import Calibration, Condition, Limits, SceneEntry, Seeds, Split, Stress, Suite
+from .spec import Calibration, Condition, Limits, Rung, SceneEntry, Seeds, Split, Stress, Suite
 from .stress import stressed
 from .variants import without_variants
 
 __all__ = [
     "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
-    "Stress", "Suite", "capture_key", "cells_of", "list_suites", "load_suite", "suite_hash",
+    "Stress", "Suite", "capture_key", "cells_of", "check_rungs", "list_suites", "load_suite", "suite_hash",
 ]  # fmt: skip
 
 #: Folder of the built-in suites.
@@ -34,7 +34,8 @@ CELL_NONE = "none"
 
 @dataclass(frozen=True)
 class Cell:
-    """One generated capture of a suite: the scene with its stress applied, and its key in the table."""
+    """One generated capture of a suite: the scene with its stress applied, its key in the table, and the rung that renders it
+    (None: the cheapest of the scene's modality)."""
 
     scene_name: str
     scene: Scene
@@ -44,6 +45,7 @@ class Cell:
     level2: float
     seed: int
     key: int
+    fidelity: Rung | None = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,12 @@ class Loaded:
     suite: Suite
     scenes: tuple[tuple[str, Scene], ...]
     hash: str
+
+    def fidelity(self, name: str) -> Rung:
+        """The rung of a scene, by its name in the suite: its entry's, or the suite's."""
+        entries = zip(self.scenes, self.suite.scenes, strict=True)
+        own = next(entry.fidelity for (held, _), entry in entries if held == name)
+        return own or self.suite.fidelity
 
 
 def list_suites() -> list[str]:
@@ -173,6 +181,7 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
     nan = float("nan")
     cells: list[Cell] = []
     for name, scene in loaded.scenes:
+        rung = loaded.fidelity(name)
         grid: list[tuple[str, float, str, float, Scene]] = [(CELL_NONE, nan, CELL_NONE, nan, scene)]
         for stress in loaded.suite.stresses:
             for level in stress.values:
@@ -182,5 +191,14 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
                     grid.append((stress.axis, level, *second, changed))
         for axis, level, axis2, second_level, changed in grid:
             key = capture_key(name, axis, level, axis2, second_level)
-            cells += [Cell(name, changed, axis, level, axis2, second_level, seed, key) for seed in seeds]
+            cells += [Cell(name, changed, axis, level, axis2, second_level, seed, key, rung) for seed in seeds]
     return cells
+
+
+def check_rungs(cells: Iterable[Cell], rtol: float) -> None:
+    """Raise InputError for a cell whose rung is not built for its scene, or cannot model it, before anything is generated."""
+    from ...generator.checked import checked
+
+    for cell in cells:
+        if cell.fidelity is not None:
+            checked(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=cell.fidelity, rtol=rtol)

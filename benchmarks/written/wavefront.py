@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 
 from ...captures.build import make_capture
-from ...optics.lenslets.spots import isolated_image
 from ...scenes.declared import declared_rig
 from ...scenes.rigs.wavefront import wavefront_rig
-from ...scenes.rigs.wavefront_geometry import lattice_of, spot_px
+from ...scenes.rigs.wavefront_geometry import flat_spots, lattice_of
 from ...scenes.scene import Scene
 from ..bounds.instrument import camera_noise
 from .draw import drawn_counts, generator, truth_attributes
@@ -40,11 +39,10 @@ def written_capture(scene: Scene, flux: Any, background: float, slope: Any, *, s
         np.stack([lattice.col_px, lattice.row_px], axis=1),
         rig.lenslets.focal_length_m / rig.camera.pixel_pitch_m,
     )
-    shape = (rig.camera.rows, rig.camera.cols)
 
     def image(moved: Any, light: Any) -> Any:
         at = place + per_rad * moved
-        return background + isolated_image(at[:, 0], at[:, 1], light, spot_px(rig), shape)
+        return background + flat_spots(rig, at[:, 0], at[:, 1], light)
 
     mean = np.stack([image(moved, light) for moved, light in zip(s, a, strict=True)])
     flat = np.repeat(image(np.zeros((lenslets, 2)), a[0])[None], rig.frames.reference_exposures, axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..quantities import CAPTURE, Quantity, Stage
+from ..quantities import CAPTURE, COORDINATES, Quantity, Stage
 from .layout import Layout
 from .variables import BOOL, COUNTS, REAL, camera_extras, coord, data, per_frame, truth
 
@@ -41,9 +41,26 @@ _POINT = Quantity(
     "point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the camera frame", (1e3, "mm"),
     components=("xyz",),
 )  # fmt: skip
+_LEVEL_POINT = Quantity(
+    "level_point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the gravity frame, y down", (1e3, "mm"),
+    components=("xyz",),
+)  # fmt: skip
 #: One number for all frames of a capture.
 _SLOPE = Quantity("slope", "1", ("survey",), "slope of the power spectrum, S ~ f^-slope")
 _LEVEL = Quantity("level", "dB", ("survey",), "density of the power spectrum at 10 cycles/m, relative to 1 m³")
+
+#: What a calibration answers (`estimators/laser_line/described.py`).
+_NODE = Quantity(
+    "node", "m", ("lattice", "xyz"), "point of the sheet at a lattice of pixels", (1e3, "mm"), components=("xyz",)
+)
+_FOCAL = Quantity("focal_length", "m", ("survey",), "focal length", (1e3, "mm"), positive=True)
+_PRINCIPAL = Quantity("principal_point", "px", ("survey", "axis"), "row and column of the optical axis", components=("axis",))
+_STAND_OFF = Quantity("stand_off", "m", ("survey",), "entrance pupil to window", (1e3, "mm"))
+_ANGLE = Quantity(
+    "plane_angle", "rad", ("survey", "axis"), "elevation and azimuth of the sheet's normal", (1e3, "mrad"),
+    components=("axis",),
+)  # fmt: skip
+_OFFSET = Quantity("plane_offset", "m", ("survey",), "distance of the sheet's plane from the entrance pupil", (1e3, "mm"))
 
 LAYOUT = Layout(
     name="laser_line",
@@ -54,6 +71,11 @@ LAYOUT = Layout(
     stages=(
         Stage("line", "line", "laser_line", (CAPTURE,), (_COLUMN,)),
         Stage("triangulation", "triangulation", "laser_line", ("column", "rig"), (_POINT,)),
+        Stage("gravity", "gravity", "laser_line", ("point", "rig", COORDINATES), (_LEVEL_POINT,)),
+        Stage(
+            "calibration", "calibration", "laser_line", (CAPTURE,),
+            (_NODE, _FOCAL, _PRINCIPAL, _STAND_OFF, _ANGLE, _OFFSET),
+        ),
         Stage("spectrum", "spectrum", "laser_line", ("point", "rig"), (_SLOPE, _LEVEL)),
     ),
     finite=("time",),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..quantities import CAPTURE, Quantity, Stage
+from ..quantities import CAPTURE, COORDINATES, Quantity, Stage
 from .layout import Layout
 from .variables import COUNTS, REAL, camera_extras, coord, data, per_frame, truth
 
@@ -53,7 +53,7 @@ LAYOUT = Layout(
         Stage("centroid", "centroid", "wavefront", (CAPTURE,), (_SPOT,)),
         Stage("assignment", "assignment", "wavefront", ("spot", "rig"), (_SLOPE,)),
         Stage("reconstruction", "reconstruction", "wavefront", ("slope", "rig"), (_ZERNIKE, _PHASE)),
-        Stage("turbulence", "turbulence", "wavefront", ("slope", CAPTURE, "rig"), (_R0, _PRESENT, _SOURCE)),
+        Stage("turbulence", "turbulence", "wavefront", ("slope", "rig", COORDINATES), (_R0, _PRESENT, _SOURCE)),
         Stage("deconvolution", "deconvolution", "wavefront", ("phase", CAPTURE, "rig"), (_IMAGE,)),
     ),
     finite=("delay",),

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CAPACITY",
+    "chunk_bytes",
     "chunk_keys",
     "chunk_shape",
     "decode_attributes",
@@ -70,6 +71,12 @@ def chunk_shape(dims: list[str], shape: list[int], itemsize: int) -> tuple[int, 
         per_index = total // shape[axis]
         chunk[axis] = max(1, min(shape[axis], CHUNK_BYTES // max(1, per_index)))
     return tuple(chunk)
+
+
+def chunk_bytes(entry: dict[str, Any]) -> int:
+    """Bytes of one unpacked chunk of the array described by `entry`; those at an edge are as large as all others."""
+    itemsize = np.dtype(entry["dtype"]).itemsize
+    return itemsize * math.prod(chunk_shape(entry["dims"], entry["shape"], itemsize))
 
 
 def chunk_keys(index: int, entry: dict[str, Any]) -> list[str]:

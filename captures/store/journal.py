@@ -16,12 +16,14 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...scenes.errors import InputError
-from .arrays import Structure
-from .manifest import CHUNK_KEY, FORMAT, Mark, regular_size
+from ...scenes.json_keys import read_json
+from .arrays import Structure, chunk_keys
+from .layout import attributes_problem, structure_problem
+from .manifest import CHUNK_KEY, FORMAT, Mark, mark_of, regular_size
 
 __all__ = [
-    "JOURNAL", "MARK_LINE", "Journal", "Record", "append_line", "fsync_path", "has_header", "has_mark", "lock_journal",
-    "mark_journal", "read_journal", "refuse_busy", "write_file",
+    "JOURNAL", "MARK_LINE", "Journal", "Record", "append_line", "fsync_path", "has_header", "has_mark", "header_of", "line_of",
+    "lock_journal", "mark_journal", "read_journal", "refuse_busy", "write_file",
 ]  # fmt: skip
 
 JOURNAL = "journal.jsonl"
@@ -42,12 +44,23 @@ class Record:
 
 @dataclass
 class Journal:
-    """A partial store: the properties that all captures share, and one record for each capture."""
+    """A partial store: the properties that all captures share, and one record for each capture.
+
+    `sound_bytes`: length up to the last intact line. `stated`: the number of captures by the first line of a second manifest.
+    """
 
     modality: str
     structure: Structure
     records: list[Record] = field(default_factory=list)
     sound_bytes: int = 0
+    stated: int | None = None
+
+    @property
+    def chunks(self) -> dict[str, dict[str, Mark]]:
+        """The marks of all chunks by array."""
+        return {
+            name: {k: m for record in self.records for k, m in record.chunks[name].items()} for name in self.structure
+        }
 
     @property
     def texts(self) -> dict[str, str]:
@@ -57,18 +70,19 @@ class Journal:
 
 def append_line(file: IO[bytes], payload: dict[str, Any]) -> None:
     """Append one line and force it to disk. Raises OSError."""
-    file.write(_line(payload))
+    file.write(line_of(payload))
     file.flush()
     os.fsync(file.fileno())
 
 
-def _line(payload: dict[str, Any]) -> bytes:
+def line_of(payload: dict[str, Any]) -> bytes:
+    """A line: the sha256 of its text, then the text."""
     text = json.dumps(payload).encode()
     return hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
 
 
 #: The first line of a journal, which says that the folder is a store.
-MARK_LINE = _line({"format": FORMAT})
+MARK_LINE = line_of({"format": FORMAT})
 
 
 def mark_journal(file: IO[bytes]) -> None:
@@ -76,27 +90,29 @@ def mark_journal(file: IO[bytes]) -> None:
     append_line(file, {"format": FORMAT})
 
 
-def read_journal(partial: Path) -> Journal:
-    """The journal of `partial` up to its last intact line.
+def read_journal(partial: Path, name: str = JOURNAL) -> Journal:
+    """The journal of `partial` up to its last intact line; `name` is the file's.
 
     Raises InputError where not even the header is intact, and where an intact line is not that of a journal: names that lead
     out of the store, folders that are links, wrong types.
     """
     journal: Journal | None = None
-    sound = 0
+    sound, stated = 0, None
+    texts: dict[str, str] = {}
     try:
-        with _opened(partial) as file:
+        with _opened(partial, name) as file:
             while line := file.readline(_LONGEST):
                 payload = _payload(line)
                 if payload is None:
                     break
                 sound += len(line)
                 if _is_mark(payload):
+                    stated = payload.get("count")
                     continue
                 if journal is None:
-                    journal = Journal(*_header(partial, payload))
+                    journal = Journal(*header_of(partial, payload))
                 else:
-                    journal.records.append(_record(partial, journal, payload))
+                    journal.records.append(_record(partial, journal, payload, texts))
     except OSError as error:
         raise InputError(
             f"There is no journal of an unfinished store: {error.strerror}.",
@@ -108,14 +124,14 @@ def read_journal(partial: Path) -> Journal:
             "The unfinished store contains no complete capture.",
             where=str(partial), next_step="remove the folder and generate the captures again",
         )  # fmt: skip
-    journal.sound_bytes = sound
+    journal.sound_bytes, journal.stated = sound, stated
     return journal
 
 
-def has_mark(folder: Path) -> bool:
-    """Whether the first line of the journal is intact, so that the folder is a store of this package."""
+def has_mark(folder: Path, name: str = JOURNAL) -> bool:
+    """Whether the first line of the journal is intact, so that the folder is a store of this package; `name` is the file's."""
     try:
-        with _opened(folder) as file:
+        with _opened(folder, name) as file:
             payload = _payload(file.readline(_LONGEST))
     except OSError:
         return False
@@ -134,49 +150,52 @@ def has_header(partial: Path) -> bool:
         return False
 
 
-def _opened(partial: Path) -> IO[bytes]:
+def _opened(partial: Path, name: str = JOURNAL) -> IO[bytes]:
     """The journal, open to read; a link counts as none. Raises OSError."""
-    if regular_size(partial / JOURNAL) is None:
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(partial / JOURNAL))
-    return open(partial / JOURNAL, "rb")
+    if regular_size(partial / name) is None:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(partial / name))
+    return open(partial / name, "rb")
 
 
 def _is_mark(payload: dict[str, Any]) -> bool:
     return payload.get("format") == FORMAT and "modality" not in payload
 
 
-def _header(partial: Path, payload: dict[str, Any]) -> tuple[str, Structure]:
+def header_of(partial: Path, payload: dict[str, Any]) -> tuple[str, Structure]:
+    """Modality and structure, checked. Raises InputError."""
     modality, structure = payload.get("modality"), payload.get("structure")
     if not isinstance(modality, str) or not isinstance(structure, dict) or not structure:
         raise _wrong(partial, "its header has no modality or no arrays", type(structure).__name__)
-    for name, entry in structure.items():
+    for name in structure:
         if not _ARRAY.fullmatch(name):
             raise _wrong(partial, "the name of an array leads out of the store", name)
-        keys = {"dims": list, "shape": list, "dtype": str, "coord": bool, "attrs": dict}
-        if not isinstance(entry, dict) or any(type(entry.get(key)) is not kind for key, kind in keys.items()):
-            raise _wrong(partial, "an array is not described", name)
-        if not all(type(n) is int and 0 <= n < 2**40 for n in entry["shape"]) or len(entry["dims"]) != len(
-            entry["shape"]
-        ):
-            raise _wrong(partial, "an array has no possible shape", f"{name}: {entry['shape']}")
         if os.path.islink(partial / name):
             raise _wrong(partial, "the folder of an array is a link", name)
+    if (problem := structure_problem(structure)) is not None:
+        raise _wrong(partial, *problem)
     return modality, structure
 
 
-def _record(partial: Path, journal: Journal, payload: dict[str, Any]) -> Record:
+def _record(partial: Path, journal: Journal, payload: dict[str, Any], known: dict[str, str]) -> Record:
+    """One capture, checked; its texts are added to those that are `known`."""
     attrs, texts, marks = payload.get("attrs"), payload.get("texts"), payload.get("chunks")
-    if not all(isinstance(part, dict) for part in (attrs, texts, marks)) or set(marks) != set(journal.structure):  # type: ignore[arg-type]
-        raise _wrong(partial, "a capture has no attributes, or chunks of other arrays", len(journal.records))
+    number = len(journal.records)
+    if not isinstance(texts, dict) or not isinstance(marks, dict) or set(marks) != set(journal.structure):
+        raise _wrong(partial, "a capture has no attributes, or chunks of other arrays", number)
+    known |= texts
+    if problem := attributes_problem(attrs, known):
+        raise _wrong(partial, problem, number)
     chunks: dict[str, dict[str, Mark]] = {}
-    for array, files in marks.items():  # type: ignore[union-attr]
+    for array, files in marks.items():
+        if not isinstance(files, dict) or not all(CHUNK_KEY.fullmatch(key) for key in files):
+            raise _wrong(partial, "the name of a chunk leads out of the store", array)
+        keys = chunk_keys(number, journal.structure[array])
+        if set(files) != set(keys):
+            raise _wrong(partial, "a capture has other chunks than its shape needs", array)
         try:
-            chunks[array] = {key: (int(size), str(crc)) for key, (size, crc) in files.items()}
-        except (AttributeError, TypeError, ValueError) as error:
+            chunks[array] = {key: mark_of(files[key]) for key in keys}
+        except (TypeError, ValueError) as error:
             raise _wrong(partial, "a capture has no list of its chunks", array) from error
-        for key in chunks[array]:
-            if not CHUNK_KEY.fullmatch(key):
-                raise _wrong(partial, "the name of a chunk leads out of the store", key)
     return Record(attrs, texts, chunks)  # type: ignore[arg-type]
 
 
@@ -237,7 +256,7 @@ def _payload(line: bytes) -> dict[str, Any] | None:
     if not line.endswith(b"\n") or hashlib.sha256(text).hexdigest().encode() != digest:
         return None
     try:
-        payload = json.loads(text)
+        payload = read_json(text)
     except (ValueError, RecursionError):
         return None
     return payload if isinstance(payload, dict) else None

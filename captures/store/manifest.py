@@ -1,4 +1,8 @@
-"""The manifest of a store: sha256 of every metadata file, size and checksum of every chunk. A second file holds its sha256."""
+"""The manifest of a store: sha256 of every metadata file, size and sha256 of every chunk. A second file holds its sha256.
+
+Version 2 of the store (`STORE_VERSION`) has the sha256 of each chunk and a second manifest (`record`). Stores of version 1, whose
+chunks have their CRC-32C only and which have no second manifest, are read as they are; whatever is written is of version 2.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from ..layouts.schema import SCHEMA_VERSION
 
 __all__ = [
@@ -20,20 +25,28 @@ __all__ = [
     "FORMAT",
     "MANIFEST",
     "MANIFEST_SUM",
+    "RECORD",
+    "STORE_VERSION",
     "TAKE_ANEW",
     "UNREADABLE",
+    "DamagedManifest",
     "Manifest",
     "check_metadata",
     "chunk_mark",
     "load_manifest",
+    "mark_of",
     "read_problem",
     "regular_size",
+    "refused_metadata",
     "safe_join",
     "sha256_file",
+    "sum_text",
 ]
 
 MANIFEST = "manifest.json"
 MANIFEST_SUM = "manifest.sha256"
+#: The second manifest, in the form of a journal: all that is needed to write the others again (`record`).
+RECORD = "record.jsonl"
 ASK_FOR_RIGHTS = "there is no sign of damage: get permission to read it, then try again"
 TAKE_ANEW = "copy the store from its source again, or generate it anew"
 FORMAT = "beambench-captures"
@@ -41,13 +54,20 @@ FORMAT = "beambench-captures"
 UNREADABLE = "cannot be read"
 #: Errors of a medium that has lost the content; all others (permissions, handles, a missing share) may be temporary.
 _LOST = {errno.EIO, errno.EBADMSG, getattr(errno, "EUCLEAN", errno.EIO)}
-STORE_VERSION = 1
+STORE_VERSION = 2
+_READ_VERSIONS = (1, 2)
+#: Most captures of a store: the length of its arrays while it is written.
+_MOST = 2**31
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]*(/[A-Za-z0-9_][A-Za-z0-9_.\-]*)*")
 #: Name of a chunk's file in the folder of its array: capture, then block along each dimension.
 CHUNK_KEY = re.compile(r"c(\.[0-9]{1,10})+")
 
 Mark = tuple[int, str]
-"""Size of a chunk's file in bytes, and the CRC-32C that ends it, in hex."""
+"""Size of a chunk's file in bytes, and its sha256 in hex; in stores of version 1 the CRC-32C that ends it (8 digits)."""
+
+
+class DamagedManifest(InputError):
+    """The manifest is not the one that was written."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +79,7 @@ class Manifest:
         metadata: sha256 by path inside the store.
         chunks: for each array, the marks of its chunks by chunk key.
     Other arguments:
+        record: sha256 of the second manifest; empty in version 1, which has none.
         sha256: of the manifest file in hex, where it was read from one.
     """
 
@@ -66,6 +87,7 @@ class Manifest:
     count: int
     metadata: dict[str, str]
     chunks: dict[str, dict[str, Mark]]
+    record: str = ""
     sha256: str = ""
 
     def text(self) -> str:
@@ -78,44 +100,35 @@ class Manifest:
             "count": self.count,
             "metadata": self.metadata,
             "chunks": self.chunks,
+            "record": self.record,
         }
         return json.dumps(body, indent=0, sort_keys=True) + "\n"
 
 
 def load_manifest(root: Path) -> Manifest:
-    """Read and check the manifest of the store at `root`. Raises InputError if it is absent, damaged or unknown."""
+    """Read and check the manifest of the store at `root`.
+
+    Raises DamagedManifest where it is not as it was written, InputError where it is absent or unknown.
+    """
     try:
         text, expected = (root / MANIFEST).read_bytes(), (root / MANIFEST_SUM).read_bytes()
     except FileNotFoundError as error:
-        raise InputError(
+        kind = InputError if regular_size(root / RECORD) is None else DamagedManifest
+        raise kind(
             "The folder is not a store of captures, or its manifest is missing.",
             where=str(root), allowed=f"a folder with {MANIFEST} and {MANIFEST_SUM}",
-            next_step="`beambench generate SCENE --out PATH` creates a store",
+            next_step="`beambench generate SCENE --out PATH` creates a store" if kind is InputError else _advice(root),
         ) from error  # fmt: skip
     except OSError as error:
         raise InputError(f"The manifest cannot be read: {error.strerror}.", where=str(root)) from error
-    if expected != (hashlib.sha256(text).hexdigest() + "\n").encode():
-        raise InputError(
+    if expected != sum_text(text):
+        raise DamagedManifest(
             "The manifest is damaged: its sha256 does not match.",
-            where=str(root / MANIFEST), next_step=TAKE_ANEW,
+            where=str(root / MANIFEST), next_step=_advice(root),
         )  # fmt: skip
     try:
-        body = json.loads(text)
-        versions = (body["format"], body["store_version"], body["schema_version"])
-        if versions != (FORMAT, STORE_VERSION, SCHEMA_VERSION):
-            raise InputError(
-                "The store was written in another version of the format.",
-                where=str(root), value=versions, allowed=f"{(FORMAT, STORE_VERSION, SCHEMA_VERSION)}",
-                next_step="read it with the version of Beambench that wrote it, or generate it anew",
-            )  # fmt: skip
-        count = int(body["count"])
-        chunks = {
-            str(array): {_chunk_key(key, count): (int(size), str(crc)) for key, (size, crc) in marks.items()}
-            for array, marks in body["chunks"].items()
-        }
-        metadata = {str(name): str(digest) for name, digest in body["metadata"].items()}
-        return Manifest(str(body["modality"]), count, metadata, chunks, hashlib.sha256(text).hexdigest())
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        return _parsed(root, text)
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
@@ -123,6 +136,52 @@ def load_manifest(root: Path) -> Manifest:
             where=str(root / MANIFEST),
             allowed="written by beambench",
         ) from error
+
+
+def _parsed(root: Path, text: bytes) -> Manifest:
+    body = read_json(text)
+    versions = (body["format"], body["store_version"], body["schema_version"])
+    if versions not in [(FORMAT, version, SCHEMA_VERSION) for version in _READ_VERSIONS]:
+        raise InputError(
+            "The store was written in another version of the format.",
+            where=str(root), value=versions, allowed=f"{(FORMAT, STORE_VERSION, SCHEMA_VERSION)}",
+            next_step="read it with the version of Beambench that wrote it, or generate it anew",
+        )  # fmt: skip
+    count = body["count"]
+    if type(count) is not int or not 0 < count <= _MOST:
+        raise ValueError(f"count {count!r}")
+    chunks = {
+        str(array): {_chunk_key(key, count): mark_of(mark) for key, mark in marks.items()}
+        for array, marks in body["chunks"].items()
+    }
+    metadata = {str(name): str(digest) for name, digest in body["metadata"].items()}
+    digest = hashlib.sha256(text).hexdigest()
+    return Manifest(str(body["modality"]), count, metadata, chunks, str(body.get("record", "")), digest)
+
+
+def mark_of(mark: object) -> Mark:
+    """A mark read from a file. Raises TypeError, ValueError."""
+    size, digest = mark  # type: ignore[misc]
+    if type(size) is not int or not isinstance(digest, str):
+        raise ValueError(f"mark {mark!r}")
+    return size, digest
+
+
+def sum_text(manifest: bytes) -> bytes:
+    """Content of the file that holds the manifest's sha256."""
+    return (hashlib.sha256(manifest).hexdigest() + "\n").encode()
+
+
+def _advice(root: Path) -> str:
+    """What helps where metadata are damaged: a repair only where there is something to repair them from."""
+    if regular_size(root / RECORD) is None:
+        return TAKE_ANEW
+    return f"`beambench data repair {root}` writes them again from the second manifest"
+
+
+def refused_metadata(root: Path, told: str) -> InputError:
+    """The error of damaged metadata."""
+    return InputError(f"The store is damaged: {told}.", where=str(root), next_step=_advice(root))
 
 
 def check_metadata(root: Path, manifest: Manifest) -> list[tuple[str, str]]:
@@ -169,11 +228,10 @@ def regular_size(path: Path) -> int | None:
 
 
 def chunk_mark(path: Path) -> Mark:
-    """Size and stored CRC-32C (the last four bytes) of a chunk file. Raises OSError."""
+    """Size and sha256 of a chunk file. Raises OSError."""
     with open(path, "rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - 4))
-        return size, file.read(4).hex()
+        content = file.read()
+    return len(content), hashlib.sha256(content).hexdigest()
 
 
 def sha256_file(path: Path) -> str:

@@ -1,20 +1,21 @@
 """Which folders are stores of this package, and their removal: nothing else is ever replaced or deleted.
 
-A store is known by what its manifest or the first line of its journal says, not by a file's name; and a store that holds
-files of other origin is left alone. A store loses its mark last, so that a removal that was interrupted can be continued.
+A store is known by what its manifest, or the first line of its journal or second manifest, says, not by a file's name; and
+a store that holds files of other origin is left alone. A store loses its mark last, so that a removal that was interrupted
+can be continued.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import stat
 from pathlib import Path
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from .journal import JOURNAL, MARK_LINE, has_mark, write_file
-from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, regular_size
+from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, RECORD, regular_size
 
 __all__ = [
     "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name", "settle_replacement",
@@ -23,7 +24,9 @@ __all__ = [
 
 #: A file in a store that is being replaced: its folder may be called NAME.replaced, and is then no store of the user's.
 _REPLACED = "replaced.mark"
-_TOP = {name + end for name in (MANIFEST, MANIFEST_SUM, JOURNAL, _REPLACED, "zarr.json") for end in ("", ".new")}
+_TOP = {
+    name + end for name in (MANIFEST, MANIFEST_SUM, RECORD, JOURNAL, _REPLACED, "zarr.json") for end in ("", ".new")
+}
 _CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial)?")
 
 
@@ -31,12 +34,12 @@ def is_ours(path: Path) -> bool:
     """Whether the folder states that it is a store, or an unfinished one. A link is none."""
     if path.is_symlink() or not path.is_dir():
         return False
-    if regular_size(path / JOURNAL) is not None and has_mark(path):
+    if any(regular_size(path / name) is not None and has_mark(path, name) for name in (JOURNAL, RECORD)):
         return True
     if regular_size(path / MANIFEST) is None:
         return False
     try:
-        body = json.loads((path / MANIFEST).read_bytes())
+        body = read_json((path / MANIFEST).read_bytes())
     except (OSError, ValueError, RecursionError):
         return False
     return isinstance(body, dict) and body.get("format") == FORMAT
@@ -95,7 +98,7 @@ def remove_store(path: Path) -> None:
                 if may_drop(file) or file in ("zarr.json", "zarr.json.new"):
                     (folder / file).unlink()
             folder.rmdir()
-    last = [MANIFEST, JOURNAL, _REPLACED]
+    last = [RECORD, MANIFEST, JOURNAL, _REPLACED]
     for name in [*sorted(_TOP - {*last}), *last]:
         (path / name).unlink(missing_ok=True)
     path.rmdir()
@@ -128,3 +131,5 @@ def settle_replacement(path: Path) -> None:
         aside.rmdir()  # the last step of a removal
     if is_ours(path):
         (path / _REPLACED).unlink(missing_ok=True)
+        if all(regular_size(path / name) is not None for name in (MANIFEST, MANIFEST_SUM, RECORD)):
+            (path / JOURNAL).unlink(missing_ok=True)  # the last step of a store's completion

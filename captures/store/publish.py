@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ..layouts.schema import SCHEMA_VERSION
-from .arrays import metadata_files
 from .journal import JOURNAL, Journal, fsync_path, write_file
-from .manifest import MANIFEST, MANIFEST_SUM, Manifest, Mark
+from .manifest import MANIFEST, MANIFEST_SUM, RECORD, sum_text
 from .ownership import (
     foreign_entries,
     is_ours,
@@ -22,6 +19,7 @@ from .ownership import (
     settle_replacement,
     state_replacement,
 )
+from .record import manifest_of, metadata_of, record_text, with_sums
 
 __all__ = ["disk_error", "is_store", "partial_of", "publish", "refuse_existing"]
 
@@ -65,16 +63,12 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, kee
     """
     if not journal.records:
         raise InputError("There is no complete capture to store.", where=str(path))
-    chunks: dict[str, dict[str, Mark]] = {name: {} for name in journal.structure}
-    for record in journal.records:
-        for name, marks in record.chunks.items():
-            chunks[name].update(marks)
-    _drop_unlisted(partial, chunks)
-    metadata = _final_metadata(partial, journal)
-    manifest = Manifest(journal.modality, len(journal.records), metadata, chunks)
-    text = manifest.text().encode()
-    write_file(partial / MANIFEST, text)
-    write_file(partial / MANIFEST_SUM, (hashlib.sha256(text).hexdigest() + "\n").encode())
+    journal = with_sums(partial, journal)
+    _drop_unlisted(partial, journal.chunks)
+    text = manifest_of(journal).text().encode()
+    files = {**metadata_of(journal), RECORD: record_text(journal), MANIFEST: text, MANIFEST_SUM: sum_text(text)}
+    for name, content in files.items():
+        write_file(partial / name, content)
     for name in journal.structure:
         fsync_path(partial / name)
     fsync_path(partial)
@@ -97,20 +91,6 @@ def disk_error(error: OSError, doing: str, path: Path, next_step: str = "") -> I
         f"{doing} failed: {error.strerror or error}.",
         where=str(path), next_step="; ".join(filter(None, [advice, next_step])),
     )  # fmt: skip
-
-
-def _final_metadata(partial: Path, journal: Journal) -> dict[str, str]:
-    attributes = {
-        "schema_version": SCHEMA_VERSION,
-        "modality": journal.modality,
-        "variables": list(journal.structure),
-        "captures": [record.attrs for record in journal.records],
-        "texts": journal.texts,
-    }
-    files = metadata_files(journal.structure, len(journal.records), attributes)
-    for name, content in files.items():
-        write_file(partial / name, content)
-    return {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
 
 
 def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:

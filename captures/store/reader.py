@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import operator
 import os
 from collections.abc import Iterable, Iterator
@@ -12,22 +11,24 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 import numpy as np
 
 from ...scenes.errors import InputError
+from ...scenes.json_keys import read_json
 from ..validate import validate
-from .arrays import decode_attributes, open_arrays
+from .arrays import Structure, chunk_bytes, decode_attributes, open_arrays
+from .layout import array_problem, attributes_problem, group_structure, size_problem
 from .manifest import (
     ASK_FOR_RIGHTS,
-    TAKE_ANEW,
     UNREADABLE,
     Manifest,
     Mark,
     check_metadata,
-    chunk_mark,
     load_manifest,
     read_problem,
+    refused_metadata,
     regular_size,
     safe_join,
 )
 from .publish import partial_of
+from .verification import chunk_problem
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,8 +65,8 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
     if problems:
         raise _refusal(root, problems)
     for array in names:
-        if not (root / array).resolve().is_relative_to(root.resolve()):
-            raise InputError("A folder of the store is a link that leads out of it.", where=str(root / array))
+        if (root / array).is_symlink():
+            raise InputError("A folder of the store is a link, which leads out of it.", where=str(root / array))
     return unchecked_captures(root, manifest)
 
 
@@ -76,7 +77,7 @@ def _refusal(root: Path, problems: list[tuple[str, str]]) -> InputError:
     if refused:
         return InputError(f"A file of the store cannot be read: {listed}.", where=str(root), next_step=ASK_FOR_RIGHTS)
     if any(name.endswith("zarr.json") for name, _ in problems):
-        return InputError(f"The store is damaged: {listed}.", where=str(root), next_step=TAKE_ANEW)
+        return refused_metadata(root, listed)
     return InputError(
         f"The store is damaged: {listed}.",
         where=str(root),
@@ -87,20 +88,48 @@ def _refusal(root: Path, problems: list[tuple[str, str]]) -> InputError:
 def unchecked_captures(root: Path, manifest: Manifest) -> CaptureSet:
     """The captures that `manifest` lists in `root`, whose metadata are intact. Raises InputError if they disagree."""
     try:
-        attributes = json.loads((root / "zarr.json").read_bytes())["attributes"]
+        structure, attributes = _checked(root, manifest)
         captures = CaptureSet(
-            root, manifest.modality, attributes["variables"], attributes["coordinates"].split(),
-            attributes["captures"], attributes["texts"], manifest.chunks, manifest.sha256,
-        )  # fmt: skip
+            root,
+            manifest.modality,
+            structure,
+            attributes["captures"],
+            attributes["texts"],
+            manifest.chunks,
+            manifest.sha256,
+        )
         expected = {name: array.nchunks for name, array in captures.arrays.items()}
-        agree = len(captures) == manifest.count and expected == {name: len(m) for name, m in manifest.chunks.items()}
-    except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
+        agree = expected == {name: len(marks) for name, marks in manifest.chunks.items()}
+    except (KeyError, TypeError, ValueError, AttributeError, OSError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"The metadata of the store are not those of captures: {error!r}.", where=str(root)) from error
     if not agree:
         raise InputError(
             "The metadata and the manifest of the store disagree on the number of chunks.", where=str(root)
         )
     return captures
+
+
+def _checked(root: Path, manifest: Manifest) -> tuple[Structure, dict[str, Any]]:
+    """Structure and attributes of a store, from its metadata, bounded before any array is opened.
+
+    Raises KeyError, TypeError, ValueError, AttributeError, OSError, RecursionError, InputError.
+    """
+    attributes = read_json((root / "zarr.json").read_bytes())["attributes"]
+    arrays = {name: read_json((safe_join(root, name) / "zarr.json").read_bytes()) for name in attributes["variables"]}
+    structure = group_structure(attributes, arrays)
+    if set(structure) != set(manifest.chunks) or len(attributes["captures"]) != manifest.count:
+        raise InputError(
+            "The metadata and the manifest of the store disagree on the number of chunks.", where=str(root)
+        )
+    problems = [f"{name}: {found}" for name, entry in structure.items()
+                if (found := array_problem(arrays[name], entry, manifest.count))]  # fmt: skip
+    problems += [f"capture {index}: {found}" for index, encoded in enumerate(attributes["captures"])
+                 if (found := attributes_problem(encoded, attributes["texts"]))]  # fmt: skip
+    if problems or (problems := list(filter(None, [size_problem(structure, manifest.chunks)]))):
+        raise ValueError(problems[0])
+    return structure, attributes
 
 
 class CaptureSet:
@@ -114,21 +143,22 @@ class CaptureSet:
         self,
         path: Path,
         modality: str,
-        variables: list[str],
-        coordinates: list[str],
+        structure: Structure,
         records: list[dict[str, list[Any]]],
         texts: dict[str, str],
         chunks: dict[str, dict[str, Mark]],
         sha256: str = "",
     ) -> None:
         self.sha256 = sha256
-        self.path, self.modality, self.variables = path, modality, tuple(variables)
-        self._coordinates, self._records, self._texts = frozenset(coordinates), records, texts
+        self.path, self.modality, self.variables = path, modality, tuple(structure)
+        self._coordinates = frozenset(name for name, entry in structure.items() if entry["coord"])
+        self._decoded = {name: chunk_bytes(entry) for name, entry in structure.items()}
+        self._records, self._texts = records, texts
         self._marks: list[list[tuple[str, str, Mark]]] = [[] for _ in records]
         for array, marks in chunks.items():
             for key, mark in marks.items():
                 self._marks[int(key.split(".")[1])].append((array, key, mark))
-        self.arrays = open_arrays(path, variables, "r")
+        self.arrays = open_arrays(path, structure, "r")
 
     def __len__(self) -> int:
         return len(self._records)
@@ -192,25 +222,24 @@ class CaptureSet:
         return number % len(self)
 
     def _check_marks(self, number: int, wanted: frozenset[str]) -> None:
-        # A chunk of another store or capture has a valid checksum of its own: only its mark differs.
+        # A chunk of another store or capture has a valid checksum of its own, and so has one that was forged: the marks differ.
         for array, key, mark in self._marks[number]:
             if array not in wanted:
                 continue
-            try:
-                sound = (
-                    regular_size(self.path / array / key) is not None and chunk_mark(self.path / array / key) == mark
-                )
-            except OSError as error:
-                raise _refusal(self.path, [(f"{array}/{key}", read_problem(error))]) from error
-            if not sound:
-                raise self._damage(f"{array}/{key}", "missing, or not the chunk that was written")
+            if self.path.joinpath(array).is_symlink():
+                raise self._damage(array, "its folder is a link")
+            problem = chunk_problem(self.path / array / key, mark, self._decoded[array])
+            if problem.startswith(UNREADABLE):
+                raise _refusal(self.path, [(f"{array}/{key}", problem)])
+            if problem:
+                raise self._damage(f"{array}/{key}", problem)
 
     def _read(self, name: str, number: int) -> np.ndarray[Any, Any]:
         try:
             return np.asarray(self.arrays[name][number])
         except PermissionError as error:
             raise _refusal(self.path, [(f"{name}, capture {number}", read_problem(error))]) from error
-        except (OSError, ValueError, RuntimeError) as error:
+        except (OSError, ValueError, RuntimeError, TypeError) as error:
             raise self._damage(f"{name}, capture {number}", str(error)) from error
 
     def _damage(self, what: str, problem: str) -> InputError:

@@ -1,4 +1,4 @@
-"""Complete interrupted stores, and repair damaged ones by keeping their intact captures."""
+"""Complete interrupted stores, and repair damaged ones: metadata are written again, captures made again or dropped."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING
 from ...scenes.errors import InputError
 from .arrays import CAPACITY, metadata_files
 from .journal import Journal, read_journal, refuse_busy, write_file
-from .manifest import ASK_FOR_RIGHTS, TAKE_ANEW, Mark, load_manifest
+from .manifest import Mark, load_manifest
+from .ownership import settle_replacement
 from .publish import disk_error, is_store, partial_of, publish
-from .reader import CaptureSet, open_captures, unchecked_captures
-from .verification import Damage, chunks_damage, verify
+from .reader import CaptureSet, unchecked_captures
+from .remake import Again, Make
+from .restore import restore_metadata
+from .verification import FOREIGN, Damage, partial_damage, refused_partial, unreadable_store, verify
 from .writer import CaptureWriter
 
 if TYPE_CHECKING:
@@ -28,7 +31,8 @@ __all__ = ["Recovery", "finalize", "repair"]
 class Recovery:
     """Result of a recovery: the store, the number of its captures, the dropped captures, and the damage.
 
-    `aside` is the folder with the files of the dropped captures, None where none was dropped.
+    `aside` is the folder with the files of the dropped captures, None where none was dropped. `restored` are the metadata files
+    that were written again, `remade` the captures that were made again with the same bits, `not_remade` why others were not.
     """
 
     path: Path
@@ -36,6 +40,9 @@ class Recovery:
     dropped: tuple[int, ...]
     damage: tuple[Damage, ...]
     aside: Path | None = None
+    restored: tuple[str, ...] = ()
+    remade: tuple[int, ...] = ()
+    not_remade: tuple[str, ...] = ()
 
 
 def finalize(path: str | os.PathLike[str], *, overwrite: bool = False) -> Recovery:
@@ -50,12 +57,8 @@ def finalize(path: str | os.PathLike[str], *, overwrite: bool = False) -> Recove
     """
     final, partial = _names(path)
     journal = _sound_journal(partial)
-    damage = _readable(partial, _partial_damage(partial, journal))
-    if damage:
-        raise InputError(
-            f"The unfinished store is damaged: {damage[0]}.",
-            where=str(partial), next_step=f"`beambench data repair {partial}` keeps the intact captures",
-        )  # fmt: skip
+    if damage := partial_damage(partial, journal):
+        raise refused_partial(partial, damage)
     try:
         publish(partial, final, journal, overwrite=overwrite)
     except OSError as error:
@@ -63,81 +66,97 @@ def finalize(path: str | os.PathLike[str], *, overwrite: bool = False) -> Recove
     return Recovery(final, len(journal.records), (), ())
 
 
-def repair(path: str | os.PathLike[str], *, overwrite: bool = False) -> Recovery:
-    """Drop damaged captures; the intact ones keep their order and are numbered anew.
+def repair(path: str | os.PathLike[str], *, overwrite: bool = False, make: Make | None = None) -> Recovery:
+    """Write damaged metadata again, and drop damaged captures; the intact ones keep their order and are numbered anew.
 
     Main arguments:
         path: a store, or an unfinished one (with `.partial`).
         overwrite: for an unfinished one, replace an existing store of the final name.
+        make: makes a capture again from its attributes (InputError where these do not suffice). It takes the place of the
+            damaged one if its chunks have the sha256 of those that were written; else the capture is dropped.
 
     A store is replaced only after the new one is complete; the files of dropped captures stay beside it in
-    `NAME.dropped`. Raises InputError if a file cannot be read (it may be intact), metadata are damaged (then no capture
-    can be trusted), or no capture is intact.
+    `NAME.dropped`. Raises InputError if a file cannot be read (it may be intact), both sets of metadata are damaged (then no
+    capture can be trusted), or no capture is intact.
     """
     root = Path(path).expanduser()
-    return _repair_partial(root, overwrite) if root.name.endswith(".partial") else _repair_store(root)
+    return _repair_partial(root, overwrite, make) if root.name.endswith(".partial") else _repair_store(root, make)
 
 
-def _repair_store(root: Path) -> Recovery:
+def _repair_store(root: Path, make: Make | None) -> Recovery:
+    try:
+        settle_replacement(root)
+    except OSError as error:
+        raise disk_error(error, "Repairing the store", root) from error
     damage = _readable(root, verify(root))
-    metadata = [entry for entry in damage if entry.capture is None and entry.file.endswith("zarr.json")]
-    if metadata:
+    foreign = [entry for entry in damage if entry.problem == FOREIGN]
+    if foreign:
         raise InputError(
-            f"The metadata are damaged, so that no capture can be trusted: {metadata[0]}.",
-            where=str(root), next_step=TAKE_ANEW,
+            f"The store holds files that are not its own: {foreign[0].file}"
+            + (f", and {len(foreign) - 1} more." if len(foreign) > 1 else "."),
+            where=str(root), next_step="move them away, then try again",
         )  # fmt: skip
-    if not damage:
-        return Recovery(root, len(open_captures(root)), (), ())
+    try:
+        restored = tuple(restore_metadata(root))
+    except OSError as error:
+        raise disk_error(error, "Writing the metadata again", root) from error
+    if restored:
+        damage = [*(one for one in damage if one.file in restored), *_readable(root, verify(root))]
+    open_damage = [entry for entry in damage if entry.file not in restored]
+    manifest = load_manifest(root)
+    captures = unchecked_captures(root, manifest)
+    again = Again(root, captures, manifest.chunks, make).heal(open_damage)
+    if again.left == []:
+        return Recovery(root, len(captures), (), tuple(damage), None, restored, again.remade)
     if os.path.lexists(partial_of(root)):
         raise InputError(
             "An unfinished store is beside the damaged one, and a repair would replace it.",
             where=str(partial_of(root)), next_step="move it away, or remove it if it is left from a repair that failed",
         )  # fmt: skip
-    manifest = load_manifest(root)
-    dropped = {entry.capture for entry in damage if entry.capture is not None}
-    captures = unchecked_captures(root, manifest)
+    dropped = {entry.capture for entry in again.left if entry.capture is not None}
     aside = _aside(root)
     kept = _rewrite(root, captures, dropped, overwrite=True, keep_replaced=aside)
     _thin(aside, manifest.chunks, dropped)
-    return Recovery(root, kept, tuple(sorted(dropped)), tuple(damage), aside)
+    return Recovery(root, kept, tuple(sorted(dropped)), tuple(damage), aside, restored, again.remade, again.reasons)
 
 
-def _repair_partial(root: Path, overwrite: bool) -> Recovery:
+def _repair_partial(root: Path, overwrite: bool, make: Make | None) -> Recovery:
     final, partial = _names(root)
     journal = _sound_journal(partial)
-    damage = _readable(partial, _partial_damage(partial, journal))
-    if not damage:
+    found = _readable(partial, partial_damage(partial, journal))
+    if not found:
         return finalize(partial, overwrite=overwrite)
-    dropped = {entry.capture for entry in damage if entry.capture is not None}
-    chunks = {name: {k: m for r in journal.records for k, m in r.chunks[name].items()} for name in journal.structure}
-    coords = [name for name, entry in journal.structure.items() if entry["coord"]]
+    chunks = journal.chunks
     # Metadata are written from the journal, so their damage does not matter here.
     for name, content in metadata_files(journal.structure, CAPACITY, {}).items():
         write_file(partial / name, content)
+    records = [record.attrs for record in journal.records]
+
+    def captures(place: Path) -> CaptureSet:
+        return CaptureSet(place, journal.modality, journal.structure, records, journal.texts, chunks)
+
+    again = Again(partial, captures(partial), chunks, make).heal(found)
+    if again.left == []:
+        done = finalize(partial, overwrite=overwrite)
+        return Recovery(done.path, done.kept, (), tuple(found), None, (), again.remade)
+    dropped = {entry.capture for entry in again.left if entry.capture is not None}
     # The folder gets another name, so that the new store can be written beside it.
     aside = _aside(final)
     os.rename(partial, aside)
-    records = [record.attrs for record in journal.records]
-    captures = CaptureSet(aside, journal.modality, list(journal.structure), coords, records, journal.texts, chunks)
     try:
-        kept = _rewrite(final, captures, dropped, overwrite=overwrite)
+        kept = _rewrite(final, captures(aside), dropped, overwrite=overwrite)
     except BaseException:
         if not partial.exists():
             os.rename(aside, partial)
         raise
     _thin(aside, chunks, dropped)
-    return Recovery(final, kept, tuple(sorted(dropped)), tuple(damage), aside)
+    return Recovery(final, kept, tuple(sorted(dropped)), tuple(found), aside, (), again.remade, again.reasons)
 
 
 def _readable(root: Path, damage: list[Damage]) -> list[Damage]:
     """`damage`, if all its files could be read. Raises InputError otherwise: dropping them might lose intact data."""
-    refused = [entry for entry in damage if entry.unreadable]
-    if refused:
-        raise InputError(
-            f"A file of the store cannot be read: {refused[0]}"
-            + (f", and {len(refused) - 1} more." if len(refused) > 1 else "."),
-            where=str(root), next_step=ASK_FOR_RIGHTS,
-        )  # fmt: skip
+    if refused := [entry for entry in damage if entry.unreadable]:
+        raise unreadable_store(root, refused)
     return damage
 
 
@@ -174,6 +193,10 @@ def _names(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     given = Path(path).expanduser()
     final = given.with_name(given.name.removesuffix(".partial")) if given.name.endswith(".partial") else given
     partial = partial_of(final)
+    try:
+        settle_replacement(final)
+    except OSError as error:
+        raise disk_error(error, "Completing the store", final) from error
     if not is_store(partial):
         state = "The store is already complete" if is_store(final) else "There is no unfinished store"
         raise InputError(f"{state}: there is no {partial.name}.", where=str(given), allowed="a .partial folder")
@@ -189,11 +212,3 @@ def _sound_journal(partial: Path) -> Journal:
             where=str(partial), next_step="remove the folder and generate the captures again",
         )  # fmt: skip
     return journal
-
-
-def _partial_damage(partial: Path, journal: Journal) -> list[Damage]:
-    damage: list[Damage] = []
-    for name in journal.structure:
-        marks = {key: mark for record in journal.records for key, mark in record.chunks[name].items()}
-        damage += chunks_damage(partial / name, name, marks)
-    return damage

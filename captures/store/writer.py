@@ -39,6 +39,7 @@ from .journal import (
 from .manifest import Mark, chunk_mark
 from .ownership import is_ours, is_removable_partial, remove_store, settle_replacement
 from .publish import disk_error, partial_of, publish, refuse_existing
+from .verification import partial_damage, refused_partial
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -223,6 +224,8 @@ class CaptureWriter:
             lock_journal(self._file, self.partial)
             self._journal = journal = read_journal(self.partial)
             self._texts = journal.texts
+            if damage := partial_damage(self.partial, journal):
+                raise refused_partial(self.partial, damage)
             self._open_arrays(journal.structure)
         except BaseException:
             self._release()

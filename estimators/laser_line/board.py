@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
 
 from ...scenes.errors import InputError
 from .saddles import fit_saddles, saddle_places
@@ -80,9 +81,10 @@ def find_board(image: Float, board: Board, *, blur_px: float = 2.0, radius_px: f
 
     Other arguments: as of `saddle_places`.
 
-    Raises InputError where the image holds no whole board, or more corners in line than the board has.
+    Raises InputError where the image holds no whole board, or more corners in line than the board has, and where a pixel near a
+    corner is not finite.
     """
-    at = saddle_places(image, blur_px=blur_px, radius_px=radius_px)
+    at = saddle_places(_filled(image), blur_px=blur_px, radius_px=radius_px)
     best = 0
     for seed in range(min(_SEEDS, len(at))):
         lattice = _grown(at, seed)
@@ -94,6 +96,15 @@ def find_board(image: Float, board: Board, *, blur_px: float = 2.0, radius_px: f
         value=f"{best} corners in a lattice, {len(at)} in all", allowed=f"{board.rows} x {board.cols} corners",
         next_step="show the board whole and sharp, or check its number of inner corners",
     )  # fmt: skip
+
+
+def _filled(image: Float) -> Float:
+    """The image with the value of the nearest finite pixel where it has none: to look for corners, not to fit them."""
+    missing = ~np.isfinite(image)
+    if not missing.any() or missing.all():
+        return np.where(missing, 0.0, image)
+    at = distance_transform_edt(missing, return_distances=False, return_indices=True)
+    return np.asarray(image[tuple(at)])
 
 
 def _refined(image: Float, place: Float, board: Board) -> SeenBoard:

@@ -59,19 +59,22 @@ class View:
 @dataclass(frozen=True, eq=False)
 class Adjusted:
     """The minimum. `geometry`: with the port of the last view that has one. `names`, `covariance`: of the free parameters, as
-    deviations from it (`deviations.deviated`). `corner_rms_px`, `line_rms_px`: of the residuals; 0 without any. `corner_scale`,
-    `line_scale`: rms residual over the stated σ. `corners`, `points`: how many."""
+    deviations from it (`deviations.deviated`). `pose_covariance` (6v, 6v): of what moves the poses (`BoardPose.moved`), by what the
+    parameters leave open too. `corner_rms_px`, `line_rms_px`: of the residuals; 0 without any. `corner_scale`,
+    `line_scale`: rms residual over the stated σ. `corners`, `points`: how many. `depths_m`: least and greatest z of the line's points; None without any."""
 
     geometry: Geometry
     names: tuple[str, ...]
     covariance: Float
     poses: tuple[BoardPose, ...]
+    pose_covariance: Float
     corner_rms_px: float
     line_rms_px: float
     corner_scale: float
     line_scale: float
     corners: int
     points: int
+    depths_m: tuple[float, float] | None
 
     def sigma(self, name: str) -> float:
         """Standard error of a free parameter, in the unit of its name."""
@@ -94,7 +97,7 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
         if not last:
             problem = problem.cleaned()
         problem = problem.scaled()
-    covariance = _covariance(problem.jacobian(np.zeros(problem.size)), names)
+    covariance, n = _covariance(problem.jacobian(np.zeros(problem.size)), names), len(names)
     corner, line = problem.kinds(np.zeros(problem.size))
     corner_px = np.concatenate([view.corners.sigma.ravel() for view in problem.views]) * problem.corner_scale
     line_px = np.concatenate([view.sigma for view in problem.views]) * problem.line_scale
@@ -104,9 +107,9 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
         port = replace(port, stand_off_m=held.stand_off_m)
         geometry = replace(geometry, camera=replace(geometry.camera, port=port))
     return Adjusted(
-        geometry, names, covariance, problem.poses, float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
+        geometry, names, covariance[:n, :n], problem.poses, covariance[n:, n:], float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
         float(np.sqrt((line**2).mean()) * np.median(line_px)) if line.size else 0.0, problem.corner_scale,
-        problem.line_scale, corner.size // 2, line.size,
+        problem.line_scale, corner.size // 2, line.size, problem.depths(),
     )  # fmt: skip
 
 
@@ -268,6 +271,15 @@ class _Problem:
                 made[first[v] : first[v + 1], n + 6 * v + part] = block / (2.0 * _POSE_STEP)
         return made
 
+    def depths(self) -> tuple[float, float] | None:
+        """Least and greatest depth [m] of the line's points on the boards; None without any."""
+        found = [np.zeros(0)]
+        for view, pose in zip(self.views, self.poses, strict=True):
+            origin, direction = _camera(self.geometry, view).rays(view.row, view.col)
+            found.append(meeting(origin, direction, pose.turn[:, 2], pose.place)[2])
+        depth = np.concatenate(found)
+        return (float(depth.min()), float(depth.max())) if depth.size else None
+
     def solved(self) -> _Problem:
         fit = least_squares(
             self.residuals, np.zeros(self.size), jac=self.jacobian, method="lm", x_scale="jac", max_nfev=200
@@ -305,7 +317,7 @@ class _Problem:
 
 
 def _covariance(jacobian: Float, names: tuple[str, ...]) -> Float:
-    """(JᵀJ)⁻¹ of the parameters of the rig. Raises InputError where columns depend on each other."""
+    """(JᵀJ)⁻¹ of the parameters of the rig and all poses. Raises InputError where columns depend on each other."""
     size = np.linalg.norm(jacobian, axis=0)
     dead = [name for name, length in zip(names, size, strict=False) if not length > 0]
     scaled = jacobian / np.where(size > 0, size, 1.0)
@@ -318,6 +330,4 @@ def _covariance(jacobian: Float, names: tuple[str, ...]) -> Float:
             allowed="views that tell them apart",
             next_step="tilt the board to different sides, show it near and far, in air and through the port, or hold one of them",
         )  # fmt: skip
-    inverse = (right.T / values**2) @ right / np.outer(size, size)
-    n = len(names)
-    return np.asarray(inverse[:n, :n])
+    return np.asarray((right.T / values**2) @ right / np.outer(size, size))

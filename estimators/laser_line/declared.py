@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from ..declared import Key, camera_keys
 
-__all__ = ["CALIBRATED", "LASER_LINE_KEYS"]
+__all__ = ["CALIBRATED", "CAMERA", "LASER_LINE_KEYS"]
 
 #: Parameters that a calibration finds: of the camera, of its distance from the port, and of the laser's plane.
-CALIBRATED = (
-    "focal_px", "principal_row_px", "principal_col_px", "k1", "k2", "p1", "p2", "k3", "stand_off_m", "turn_about_axis_rad",
-    "turn_about_fan_rad", "shift_m",
-)  # fmt: skip
+CAMERA = ("focal_px", "principal_row_px", "principal_col_px", "k1", "k2", "p1", "p2", "k3")
+CALIBRATED = (*CAMERA, "stand_off_m", "turn_about_axis_rad", "turn_about_fan_rad", "shift_m")
 
 _ALL = "all"
 _FLAT, _DOME = (("port.kind", word) for word in ("flat", "dome"))
@@ -43,7 +41,7 @@ LASER_LINE_KEYS = (
     Key("laser.divergence_rad", "number", "rad", "full 1/e² divergence of the sheet in the medium", _ALL, least=0),
     Key("laser.fan_half_angle_rad", "number", "rad", "half the angle over which the sheet is spread, in the medium", _ALL, above=0),
     Key("lens_sigma_px", "number", "px", "1 σ of the lens's point spread", _ALL, least=0),
-    Key("inclinometers.sigma_deg", "number", "degree", "standard error of a reading of pitch or roll", "gravity_points",
+    Key("inclinometers.sigma_deg", "number", "degree", "standard error of a reading of pitch or roll", "level-points",
         least=0, within="inclinometers"),
     *camera_keys(_ALL),
     Key(

@@ -13,31 +13,35 @@ import xarray as xr
 
 from ...optics.gravity import level_matrix, level_slopes
 from ...scenes.errors import InputError
-from ..rig import read_rig
+from ..registry import estimator
+from ..result import stage_result
+from ..rig import DeclaredRig
 
-__all__ = ["gravity_points"]
+__all__ = ["level_points"]
 
 
-def gravity_points(points: xr.Dataset, capture: xr.Dataset) -> xr.Dataset:
-    """A result of the stage `triangulation`, turned into the level frame of each frame: y down, z along the camera's heading.
+@estimator("gravity", cites="Kusters 1992: an instrument with two inclinometers in its housing")
+def level_points(points: xr.Dataset, rig: DeclaredRig, coordinates: xr.Dataset) -> xr.Dataset:
+    """Triangulated points in the level frame of each frame: y down, z along the camera's heading.
 
     Main arguments:
-        points: point and sigma (frame, row, return, xyz) [m] and valid. capture: with the coordinates `pitch` and `roll`.
+        points: point and sigma (frame, row, return, xyz) [m] and valid. coordinates: with `pitch` and `roll` [rad] (frame).
 
-    Returns the same variables. Places are those of the camera at each frame: `pose` says how it moved. Raises InputError for a
-    capture without inclinometers.
+    Returns level_point (frame, row, return, xyz), sigma [m], valid. Places are from the camera at each frame: `pose` says how it
+    moved. Raises InputError for a capture without inclinometers.
     """
-    if "pitch" not in capture.coords or "roll" not in capture.coords:
+    if "pitch" not in coordinates or "roll" not in coordinates:
         raise InputError(
-            "The capture holds no attitude.", where="coordinates pitch, roll", value=", ".join(map(str, capture.coords)),
+            "The capture holds no attitude.", where="coordinates pitch, roll", value=", ".join(map(str, coordinates.coords)),
             allowed="the readings of inclinometers, rad per frame", next_step="add rig.inclinometers to the scene",
         )  # fmt: skip
-    sigma_rad = np.deg2rad(read_rig(capture, "laser_line").number("inclinometers.sigma_deg", least=0))
-    pitch, roll = (np.asarray(capture[name].values, np.float64) for name in ("pitch", "roll"))
+    sigma_rad = np.deg2rad(rig.number("inclinometers.sigma_deg", least=0))
+    pitch, roll = (np.asarray(coordinates[name].values, np.float64) for name in ("pitch", "roll"))
     x, sigma = (np.asarray(points[name].values, np.float64) for name in ("point", "sigma"))
     turn = level_matrix(pitch, roll)
     level = np.einsum("fik,frnk->frni", turn, x)
     variance = np.einsum("fik,frnk->frni", turn**2, sigma**2)
     for slope in level_slopes(pitch, roll):
         variance = variance + (np.einsum("fik,frnk->frni", slope, x) * sigma_rad) ** 2
-    return points.assign(point=(points["point"].dims, level), sigma=(points["sigma"].dims, np.sqrt(variance)))
+    valid = np.asarray(points["valid"].values, bool)
+    return stage_result("gravity", level_point=level, sigma=np.sqrt(variance), valid=valid)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, Literal
 
@@ -21,7 +21,7 @@ from .frames import OffFrames, Scale, read_frames
 from .geometry import declared_geometry
 from .row_scan import scan_rows
 
-__all__ = ["Formula", "Windows", "answered", "line_windows", "with_locking"]
+__all__ = ["Formula", "Windows", "answered", "line_windows", "locked", "with_locking"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -93,6 +93,26 @@ class Windows:
         """σ [px] (n) that the declared rig gives a line at these columns."""
         return np.asarray(_declared_width(self.rig)[np.clip(self.peak, 0, None)])
 
+    def locking(self, formula: Formula) -> Float:
+        """rms error [px] (n) of a formula without any noise, of lines as wide as the rig declares at these columns."""
+        plain = formula.func if isinstance(formula, partial) else formula
+        given = tuple(sorted(formula.keywords.items())) if isinstance(formula, partial) else ()
+        return np.asarray(_locking(self.rig, self.half, plain, given)[np.clip(self.peak, 0, None)])
+
+    def shares(self) -> tuple[Float, Float]:
+        """Shares (n) of the light of a line of the declared width in the pixel that it is in the middle of, less and plus that in
+        the next one."""
+        fall, near = _shares(self.rig)
+        at = np.clip(self.peak, 0, None)
+        return fall[at], near[at]
+
+    def of(self, chosen: Bool) -> Windows:
+        """Some of the windows; their `shape` is as if each were a frame."""
+        return replace(
+            self, z=self.z[chosen], peak=self.peak[chosen], level=self.level[chosen], row_level=self.row_level[chosen],
+            sound=self.sound[chosen], shape=(int(chosen.sum()), 1, 1),
+        )  # fmt: skip
+
 
 def line_windows(
     capture: xr.Dataset, *, least_half: int = _LEAST, least_sigmas: float = 5.0, returns: int = 1,
@@ -147,7 +167,14 @@ def answered(windows: Windows, position: Float, sigma: Float, good: Bool | None 
 def with_locking(
     windows: Windows, formula: Formula, *, reach: int | None = None, follows_peak: Literal["no", "held", "free"] = "no"
 ) -> xr.Dataset:
-    """The result of a formula without a model of the pixels.
+    """The result of a formula without a model of the pixels; arguments as of `locked`."""
+    return answered(windows, *locked(windows, formula, reach=reach, follows_peak=follows_peak))
+
+
+def locked(
+    windows: Windows, formula: Formula, *, reach: int | None = None, follows_peak: Literal["no", "held", "free"] = "no"
+) -> tuple[Float, Float]:
+    """Position [px] from the peak (n) and its standard error [px] (n) of a formula without a model of the pixels.
 
     Other arguments:
         reach: pixels to either side of the middle that the formula reads; all of them where it is not given.
@@ -181,7 +208,7 @@ def with_locking(
         square += np.minimum(np.where(np.isfinite(change), np.abs(change), windows.half), windows.half) ** 2
     if follows_peak == "held":
         square += swapped**2
-    return answered(windows, position, np.sqrt(square + _locking(windows, formula) ** 2))
+    return position, np.sqrt(square + windows.locking(formula) ** 2)
 
 
 def _expected(windows: Windows, place: Float | float) -> Float:
@@ -210,15 +237,19 @@ def _swapped(windows: Windows) -> Float:
     return np.asarray(np.sqrt((chance * k**2).sum(axis=1) / (1.0 + chance.sum(axis=1))))
 
 
-def _locking(windows: Windows, formula: Formula) -> Float:
-    """rms error [px] (n) of a formula without noise at the declared widths, from a table of widths."""
-    width = windows.width()
-    if not np.isfinite(width).any():
-        return np.zeros(width.shape)
-    plain = formula.func if isinstance(formula, partial) else formula
-    given = tuple(sorted(formula.keywords.items())) if isinstance(formula, partial) else ()
-    rms = _locking_table(windows.half, plain, given)
-    return np.interp(np.log(np.where(np.isfinite(width), width, np.nanmedian(width))), np.log(_WIDTHS), rms)
+@lru_cache(maxsize=64)
+def _locking(rig: DeclaredRig, half: int, formula: Callable[..., Float], given: tuple[tuple[str, Any], ...]) -> Float:
+    """rms error [px] (col) of a formula without noise at the declared widths, from a table of widths."""
+    width = _declared_width(rig)
+    return np.interp(np.log(width), np.log(_WIDTHS), _locking_table(half, formula, given))
+
+
+@lru_cache(maxsize=32)
+def _shares(rig: DeclaredRig) -> tuple[Float, Float]:
+    """Shares (col) of a line's light in the pixel that it is in the middle of, less and plus that in the next one."""
+    width = _declared_width(rig)
+    middle, beside = (gaussian_mean(k - 0.5, k + 0.5, width) for k in (0.0, 1.0))
+    return np.asarray(middle - beside), np.asarray(middle + beside)
 
 
 @lru_cache(maxsize=64)

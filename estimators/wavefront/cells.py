@@ -277,7 +277,7 @@ def measured(
     read = reader or partial(_by_cells, method)
 
     def found(images: npt.NDArray[Any], exposures: int) -> Found:
-        return _within(read(images, rig, exposures, least_sigmas), geometry.pitch_px)
+        return _within(read(images, rig, exposures, least_sigmas), geometry)
 
     origin = found(reference[None], rig.whole("reference.exposures"))
     flat = cells_of(reference[None], rig)
@@ -304,11 +304,9 @@ def _by_cells(method: Method, images: npt.NDArray[Any], rig: DeclaredRig, exposu
     return Found(one.position, one.variance, one.good & cells.sound)
 
 
-def _within(found: Found, width_px: float) -> Found:
+def _within(found: Found, geometry: Geometry) -> Found:
     """What lies in its cell; a spot that is found outside is another's."""
-    with np.errstate(invalid="ignore"):
-        near = (np.abs(found.position) <= 0.5 * width_px).all(axis=1)
-    return Found(found.position, found.variance, found.good & near)
+    return Found(found.position, found.variance, found.good & geometry.within(found.position))
 
 
 def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sigmas: float) -> Found:
@@ -331,7 +329,7 @@ def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sig
             width = min(width, float(np.median(apart[:, 1])))
     moved = replace(geometry, place_px=geometry.place_px + shift, pitch_px=width)
     cells = cells_of(image[None], rig, least_sigmas=least_sigmas, moved=moved)
-    one = _within(method(cells), width)
+    one = _within(method(cells), moved)
     return Found(one.position + shift, one.variance, one.good & cells.sound & held)
 
 

@@ -13,6 +13,10 @@ WAVEFRONT_KEYS = (
     Key("laser.wavelength_m", "number", "m", "vacuum wavelength", _MODES, above=0),
     Key("lenslets.pitch_m", "number", "m", "distance of neighbouring lenslets", _ALL, above=0),
     Key("lenslets.focal_length_m", "number", "m", "focal length of the lenslets", _ALL, above=0),
+    Key(
+        "lenslets.grid", "word", "1", "shape of the lenslets, square where it is left out; pitch and width between flats are equal",
+        _ALL, optional=True, words=("square", "hexagonal"),
+    ),
     Key("lenslets.rotation_rad", "number", "rad", "turn of the array from the camera's x toward its y", _MODES),
     Key("lenslets.row", "numbers", "1", "row of each used lenslet in the array", _MODES, least=0),
     Key("lenslets.col", "numbers", "1", "column of each used lenslet in the array", _MODES, least=0),

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from ...optics.lenslets.gradients import hexagon, square
 from ...scenes.errors import InputError
 from ..declared import check_keys
 from ..rig import DeclaredRig
@@ -17,6 +18,7 @@ from .declared import WAVEFRONT_KEYS
 __all__ = ["Geometry", "Spot", "declared_geometry", "declared_spot"]
 
 Float = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
 
 #: Nodes per pixel of the tables of a spot: linear interpolation errs by P''/8·_FINE² = 1e-7 of its height.
 _FINE = 1024
@@ -27,7 +29,8 @@ class Geometry:
     """Lenslets as declared.
 
     place_px (lenslet, axis): column and row of the spot of a flat wavefront. site (lenslet, 2): row and column in the array.
-    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. rad_per_px: slope that moves a spot by 1 px.
+    centre_m (lenslet, axis): x, y along the array's axes, from the pupil's centre. hexagonal: whether lenslets are hexagons with
+    two edges parallel to y, else squares. rad_per_px: slope that moves a spot by 1 px.
     """
 
     place_px: Float
@@ -35,6 +38,7 @@ class Geometry:
     centre_m: Float
     pitch_m: float
     pitch_px: float
+    hexagonal: bool
     rotation_rad: float
     rad_per_px: float
     wavelength_m: float
@@ -48,6 +52,27 @@ class Geometry:
     def wavenumber(self) -> float:
         """k = 2π/λ [1/m]: phase over optical path."""
         return 2.0 * np.pi / self.wavelength_m
+
+    @property
+    def corners_m(self) -> Float:
+        """Corners (corners, 2) [m] of a lenslet about its centre, along the array's axes."""
+        return hexagon(self.pitch_m) if self.hexagonal else square(self.pitch_m)
+
+    def steps(self) -> Float:
+        """Places (lenslet, axis) in pitches along the array's axes, from a point of the array."""
+        return self.centre_m / self.pitch_m if self.hexagonal else self.site[:, ::-1].astype(np.float64)
+
+    def within(self, position: Float) -> Bool:
+        """Whether positions (…, axis) [px] from their places lie in the lenslet's cell: nearer to it than to any other's place.
+
+        That of squares is parallel to the pixels; that of hexagons turns with the array.
+        """
+        half = 0.5 * self.pitch_px
+        with np.errstate(invalid="ignore"):
+            if not self.hexagonal:
+                return np.asarray((np.abs(position) <= half).all(axis=-1))
+            angle = self.rotation_rad + np.pi / 3.0 * np.arange(3)
+            return np.asarray((np.abs(position @ np.stack([np.cos(angle), np.sin(angle)])) <= half).all(axis=-1))
 
     def own_axes(self, slope: Float) -> Float:
         """Slopes (…, axis) along the camera's axes as those along the array's."""
@@ -74,6 +99,8 @@ def declared_geometry(rig: DeclaredRig) -> Geometry:
         centre_m=np.stack([lists["x_m"], lists["y_m"]], axis=1),
         pitch_m=pitch,
         pitch_px=pitch / pixel,
+        hexagonal=rig.get("lenslets.grid") is not None
+        and rig.word("lenslets.grid", "square", "hexagonal") == "hexagonal",
         rotation_rad=rig.number("lenslets.rotation_rad"),
         rad_per_px=pixel / focal,
         wavelength_m=rig.number("laser.wavelength_m"),

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from ...optics.lenslets.gradients import mean_gradients, square
+from ...optics.lenslets.gradients import mean_gradients
 from ...optics.zernike import zernike
 from ...scenes.errors import InputError
 from ..registry import estimator
@@ -21,16 +21,9 @@ from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
 
 __all__ = [
-    "Modes",
-    "Solver",
-    "check_disc",
-    "last_mode",
-    "modal_result",
-    "modes_of",
-    "pupil_grid",
-    "read_slopes",
+    "Modes", "Solver", "check_disc", "check_square", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes",
     "zernike_ls",
-]
+]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -49,6 +42,15 @@ class Modes:
     mask: Bool
 
 
+def check_square(geometry: Geometry, method: str, reason: str) -> None:
+    """Raise InputError for hexagonal lenslets, which a method does not reconstruct from."""
+    if geometry.hexagonal:
+        raise InputError(
+            f"{method} reconstructs from square lenslets only: {reason}.", where="attribute rig: lenslets.grid",
+            value="hexagonal", allowed="square", next_step="take zernike-ls, which averages gradients over hexagons",
+        )  # fmt: skip
+
+
 def check_disc(geometry: Geometry) -> None:
     """Raise InputError for a pupil that is no disc."""
     if geometry.shape != "disc":
@@ -65,7 +67,7 @@ def modes_of(rig: DeclaredRig, last: int) -> Modes:
     check_disc(geometry)
     noll = range(2, last + 1)
     radius = 0.5 * geometry.diameter_m
-    slope = mean_gradients(noll, geometry.centre_m, square(geometry.pitch_m), radius) / geometry.wavenumber
+    slope = mean_gradients(noll, geometry.centre_m, geometry.corners_m, radius) / geometry.wavenumber
     x, y, mask = pupil_grid(geometry)
     surface = zernike(noll, x[mask] / radius, y[mask] / radius)
     return Modes(slope, surface - surface.mean(axis=1, keepdims=True), mask)

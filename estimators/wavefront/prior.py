@@ -31,7 +31,7 @@ from ..registry import estimator
 from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
-from .modal import last_mode, pupil_grid, read_slopes
+from .modal import check_square, last_mode, pupil_grid, read_slopes
 from .strengths import shared_lenslets, slope_covariance, strength_of
 
 __all__ = ["zernike_map"]
@@ -185,13 +185,14 @@ def zernike_map(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, r0_m: f
 
     Returns zernike, sigma [rad rms] (frame, mode) and phase [rad] on the pupil's grid; sigma is that of the posterior, fitting and
     aliasing included. A frame is invalid where fewer than two of its lenslets are valid.
-    Raises InputError for a negative r0, a pupil that is no disc, or fewer slopes than modes.
+    Raises InputError for a negative r0, a pupil that is no disc, hexagonal lenslets, or fewer slopes than modes.
     """
     if not r0_m >= 0.0:
         raise InputError(
             "A Fried parameter is not negative.", where="r0_m", value=r0_m, allowed="above 0, or 0: estimated"
         )
     geometry, last = declared_geometry(rig), last_mode(rig, modes, disc=True)
+    check_square(geometry, "zernike-map", "its covariances are those of squares on one grid of samples")
     own, variance, valid = read_slopes(slopes, geometry)
     frames, side = len(own), geometry.samples
     coefficient, sigma = np.full((frames, last - 1), np.nan), np.full((frames, last - 1), np.nan)

@@ -18,7 +18,7 @@ from ..registry import estimator
 from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import declared_geometry
-from .modal import read_slopes
+from .modal import check_square, read_slopes
 from .strengths import shared_lenslets, strength_of
 
 __all__ = ["gate_ranges_m", "turbulence_ml"]
@@ -36,20 +36,21 @@ _CERTAIN = 1e-6
     cites="S. S. Wilks, Ann. Math. Stat. 9:60, 1938 (interval); C. L. Lawson and R. J. Hanson, 1974 (x ≥ 0)",
     joint=True,
 )
-def turbulence_ml(slopes: xr.Dataset, capture: xr.Dataset, rig: DeclaredRig) -> xr.Dataset:
+def turbulence_ml(slopes: xr.Dataset, rig: DeclaredRig, coordinates: xr.Dataset) -> xr.Dataset:
     """Kolmogorov's r0 of the wavefront at the array by maximum likelihood of the slopes' covariance, for every gate.
 
-    Main arguments: slopes [rad] and their standard errors; the capture, for its frames' delays; the declared rig.
+    Main arguments: slopes [rad] and their standard errors; the declared rig; coordinates with `delay` [s] (frame).
 
     Returns r0, sigma [m], valid (gate), gates in the order of their delays. sigma is the half 95 % interval of the likelihood ratio
     over 1.96; r0 is invalid where this interval holds no turbulence, or where the gate's frames share fewer than half of their
     lenslets. present (gate): probability of turbulence if half of the captures have some, ln r0 even from .01 to 100 diameters of
     the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle of the interval
-    between gates whose layer is strongest; sigma_source is that interval's width over √12. It is invalid for one gate, for a rig that
-    does not declare the gate's centre, and where this layer is less than 1.96 of its standard errors above 0.
+    between gates whose layer is strongest; sigma_source is that interval's width over √12. It is invalid for one gate, for a rig
+    that does not declare the gate's centre, and where this layer is less than 1.96 of its standard errors above 0.
     """
+    check_square(declared_geometry(rig), "turbulence-ml", "the covariance of slopes is that of squares")
     own, variance, valid = read_slopes(slopes, declared_geometry(rig))
-    delay = np.asarray(capture["delay"].values, np.float64)
+    delay = np.asarray(coordinates["delay"].values, np.float64)
     gates = np.unique(delay)
     found: list[tuple[Strength, float] | None] = []
     for gate in gates:

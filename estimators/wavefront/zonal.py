@@ -21,7 +21,7 @@ from ..registry import estimator
 from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
-from .modal import last_mode, pupil_grid, read_slopes
+from .modal import check_square, last_mode, pupil_grid, read_slopes
 
 __all__ = ["zonal_fried", "zonal_southwell"]
 
@@ -136,6 +136,7 @@ def _projector(geometry: Geometry, last: int, mask: Bool) -> Float:
 
 def _reconstructed(slopes: xr.Dataset, rig: DeclaredRig, name: str, modes: int) -> xr.Dataset:
     geometry = declared_geometry(rig)
+    check_square(geometry, f"zonal-{name}", "its differences join the neighbours of a square grid")
     last = last_mode(rig, modes)
     own, variance, valid = read_slopes(slopes, geometry)
     frames, side = len(own), geometry.samples
@@ -172,7 +173,7 @@ def zonal_southwell(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0) -> 
 
     Returns zernike, sigma [rad rms] (frame, mode) and phase [rad] on the pupil's grid, without piston; standard errors are the
     noise's. Samples farther than a pitch from every valid lenslet of the largest connected part are invalid. Raises InputError for
-    fewer slopes than modes.
+    hexagonal lenslets, or fewer slopes than modes.
     """
     return _reconstructed(slopes, rig, "southwell", modes)
 

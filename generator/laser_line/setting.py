@@ -163,12 +163,16 @@ def _pose_at(rig: LaserLineRig, time_s: float) -> Pose:
 def poses_of(rig: LaserLineRig) -> tuple[list[Pose], dict[str, Any]]:
     """The poses of the frames, and the coordinates that say the same: `time` [s], `laser_on` and `pose` (frame, 6).
 
-    The rig is at rest at time 0, or moves and turns evenly from there.
+    The rig is at rest at time 0, or moves and turns evenly from there; or it stands at one of its stations.
     """
     count = rig.frames.lit + rig.frames.laser_off
     time = rig.frames.interval_s * np.arange(count)
-    moved = time[:, None] * np.asarray(rig.motion_m_per_s or (0.0, 0.0, 0.0))
-    turned = time[:, None] * np.asarray(rig.turn_rad_per_s or (0.0, 0.0, 0.0))
+    if rig.stations is None:
+        moved = time[:, None] * np.asarray(rig.motion_m_per_s or (0.0, 0.0, 0.0))
+        turned = time[:, None] * np.asarray(rig.turn_rad_per_s or (0.0, 0.0, 0.0))
+    else:
+        number = np.concatenate([np.arange(rig.frames.lit), np.arange(rig.frames.laser_off)]) % len(rig.stations)
+        moved, turned = np.split(np.asarray(rig.stations, np.float64)[number], 2, axis=1)
     poses = [Pose(place, turned_by(vector)) for place, vector in zip(moved, turned, strict=True)]
     on = np.arange(count) < rig.frames.lit
     coords = {"time": time, "laser_on": on, "pose": np.concatenate([moved, turned], axis=1), "valid": True}

@@ -10,7 +10,7 @@ from ...scenes.rigs.wavefront import WavefrontRig
 from ...scenes.rigs.wavefront_geometry import lattice_of
 from .field import Pupils
 from .fields import FINEST, pilot
-from .spots import spot_image
+from .spots import HEXAGON_CELLS, spot_image
 
 __all__ = ["cell_errors", "cells_for"]
 
@@ -35,15 +35,17 @@ def cell_errors(rig: WavefrontRig, range_m: float, rung: str) -> dict[int, float
 def _errors(rig_json: str, range_m: float, rung: str) -> tuple[tuple[int, float], ...]:
     rig = WavefrontRig.model_validate_json(rig_json)
     own = rig.pupil.samples
-    numbers = [n for n in range(2, own + 1) if own % n == 0] or [own]
+    numbers, finer = [n for n in range(2, own + 1) if own % n == 0] or [own], None
     # The finer pupil has every number of cells as a divisor of its samples.
     finest = own * max(1, -(-FINEST // own))
+    if rig.lenslets.hexagonal:  # whose cells are no samples of the pupil
+        numbers, finer = [HEXAGON_CELLS], 2 * HEXAGON_CELLS
     fine = pilot(rig, _ACROSS, finest)
     lattice = lattice_of(fine, every=True)
     worst = np.zeros(len(numbers))
     for seed in _DRAWS:
         field = np.exp(1j * Pupils(fine, lattice_of(fine), seed, 0).phase(0, range_m))
-        whole = spot_image(fine, lattice, field, 1.0, rung)
+        whole = spot_image(fine, lattice, field, 1.0, rung, cells=finer)
         other = [spot_image(fine, lattice, field, 1.0, rung, cells=number) for number in numbers]
         scale = float(np.sqrt((whole**2).sum()))
         worst = np.maximum(worst, [float(np.sqrt(((image - whole) ** 2).sum())) / scale for image in other])

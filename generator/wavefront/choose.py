@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...scenes.errors import InputError
+from ...scenes.medium_index import phase_index
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.rigs.wavefront_geometry import lattice_of, spot_px
 from ...scenes.scene import Scene
@@ -16,6 +17,7 @@ from .field import Pupils
 from .fields import pilot
 from .light import reflectors
 from .possible import MOST_ROTATION_DEG
+from .speckle import Speckle
 from .spots import spot_image
 
 __all__ = ["choose", "predicted"]
@@ -55,10 +57,15 @@ def predicted(scene: Scene) -> dict[Rung, float]:
     return dict(
         zip(
             _RUNGS,
-            _predicted(_small(wavefront_rig(scene)).model_dump_json(), max(ranges, default=1.0)),
+            _predicted(_small(wavefront_rig(scene)).model_dump_json(), max(ranges, default=1.0), _in_water_m(scene)),
             strict=True,
         )
     )
+
+
+def _in_water_m(scene: Scene) -> float:
+    rig = wavefront_rig(scene)
+    return rig.wavelength_m / phase_index(scene.medium, rig.wavelength_m)
 
 
 def _small(rig: WavefrontRig) -> WavefrontRig:
@@ -69,13 +76,16 @@ def _small(rig: WavefrontRig) -> WavefrontRig:
 
 
 @lru_cache(maxsize=16)
-def _predicted(rig_json: str, range_m: float) -> tuple[float, float, float]:
+def _predicted(rig_json: str, range_m: float, in_water_m: float) -> tuple[float, float, float]:
     rig = WavefrontRig.model_validate_json(rig_json)
     lit = lattice_of(rig, every=True)
     worst = np.zeros(3)
     for seed in _DRAWS:
-        phase = Pupils(rig, lattice_of(rig), seed, 0).phase(0, range_m)
-        images = [spot_image(rig, lit, np.exp(1j * phase), 1.0, rung) for rung in _RUNGS]
+        pupils = Pupils(rig, lattice_of(rig), seed, 0)
+        # One pattern of speckle, if any: the sum of several errs by less.
+        _, part = next(Speckle(rig, pupils.size, pupils.step_m, in_water_m, seed, 0).parts(0, range_m))
+        field = np.asarray(np.exp(1j * pupils.phase(0, range_m)) * part)
+        images = [spot_image(rig, lit, field, 1.0, rung) for rung in _RUNGS]
         whole = float(np.sqrt((images[2] ** 2).sum()))
         worst = np.maximum(worst, [float(np.sqrt(((image - images[2]) ** 2).sum())) / whole for image in images])
     return float(worst[0]), float(worst[1]), float(worst[2])

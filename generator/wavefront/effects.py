@@ -12,12 +12,15 @@ from .scintillation import irradiance_index
 
 __all__ = ["catalogue"]
 
+_WIDE = "width of a diffuse target's lit place"
+
 
 def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
     """Every catalogued effect at the rung. Sizes are shares of the spots' light."""
     rig = wavefront_rig(scene)
     detector = rig.detector
     fields = rung != "geometric"
+    looks = None if rig.effects is None else rig.effects.speckle_looks
     index = irradiance_index(sensed.rytov)
     cells, error = sensed.cells
     finer = [effect("phase finer than a lenslet's cells", False, error, f"a pilot with finer cells; {cells} a side")]
@@ -25,7 +28,7 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
     blur = float(-np.expm1(-(sensed.spread_rad**2)))
     listed = [
         effect("mean slope of each lenslet", True, 1.0, "spots moved by f times the slope"),
-        effect("diffraction at the lenslets", True, None, "sinc² of the clear square, integrated over pixels"),
+        effect("diffraction at the lenslets", True, None, "pattern of the clear square or hexagon, integrated over pixels"),
         effect("spots blurred by the phase within a lenslet", fields, blur, "1 − e^(−σ²), σ the phase's rms about its plane"),
         effect("light of neighbouring lenslets", True, None, "intensities added" if rung != "coherent" else "fields added"),
         effect("interference of neighbouring lenslets", rung == "coherent", None, "depends on the pistons of neighbours"),
@@ -40,16 +43,36 @@ def catalogue(scene: Scene, sensed: Sensed, rung: str) -> list[Effect]:
         effect("PRNU", bool(detector.prnu), detector.prnu, "rms"),
         effect("DSNU", bool(detector.dsnu_e), None, "fixed offsets"),
         effect("lenslets that differ", False, None, "not modelled: all have one focal length and no aberration"),
-        effect("speckle of a diffuse target", False, 0.0 if rig.reflection == "mirror" else None, "not modelled"),
-        *(effect(name, False, *size) for name, size in _diffuse_sizes(scene, rig).items()),
+        *_speckle(rig),
+        *(effect(name, looks is not None and name == _WIDE, *size) for name, size in _diffuse_sizes(scene, rig).items()),
+        *_pointing(rig),
     ]  # fmt: skip
     return listed + finer if fields else listed
+
+
+def _pointing(rig: WavefrontRig) -> list[Effect]:
+    jitter = None if rig.effects is None else rig.effects.pointing_jitter_rad
+    return (
+        []
+        if jitter is None
+        else [effect("pointing of the platform", True, None, f"{jitter:g} rad rms, from frame to frame")]
+    )
+
+
+def _speckle(rig: WavefrontRig) -> list[Effect]:
+    name = "speckle of a diffuse target"
+    if rig.reflection == "mirror":
+        return [effect(name, False, 0.0, "a mirror sends back the beam")]
+    looks = None if rig.effects is None else rig.effects.speckle_looks
+    if looks is None:
+        return [effect(name, False, None, "taken as averaged away")]
+    return [effect(name, True, looks**-0.5, "contrast 1/√M at a point of the array")]
 
 
 def _diffuse_sizes(scene: Scene, rig: WavefrontRig) -> dict[str, tuple[float | None, str]]:
     """What a diffuse target adds to a point at infinity, each in pixels of a spot: the curvature of its wave, the slope D/2r at the
     edge of the pupil D, and the width of the lit place, beam over range."""
-    curved, wide = "curvature of a diffuse target's wave", "width of a diffuse target's lit place"
+    curved, wide = "curvature of a diffuse target's wave", _WIDE
     if rig.reflection == "mirror" or not scene.target:
         return dict.fromkeys((curved, wide), (0.0, "a mirror sends back the beam"))
     away = min(float(item.shape.center_m[2]) for item in scene.target)

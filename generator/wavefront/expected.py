@@ -26,6 +26,7 @@ from .light import coordinates, echoes, pedestal, reflectors
 from .propagated import Waves
 from .scintillation import rytov_of
 from .sources import turbulence_truth
+from .speckle import Speckle
 from .spots import spot_image
 from .truth import Projector, irradiances, slopes
 
@@ -71,7 +72,9 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
     rytov = rytov_of(rig, farthest, scene.medium)
     cells = _cells(rig, farthest, request)
     images: list[Float] = []
-    waves = Waves(rig, pupils, rig.wavelength_m / phase_index(scene.medium, rig.wavelength_m))
+    wavelength_m = rig.wavelength_m / phase_index(scene.medium, rig.wavelength_m)
+    waves = Waves(rig, pupils, wavelength_m)
+    speckle = Speckle(rig, pupils.size, pupils.step_m, wavelength_m, request.seed, request.capture_key)
     for frame in range(rig.frames.count):
         image = np.full(shape[1:], level[frame])
         light = np.zeros(lattice.row.size)
@@ -81,9 +84,11 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
                 continue
             field, phase = waves.at(frame, at)
             if per_lenslet[frame, number] > 0.0:
-                image += spot_image(rig, lit, field, float(per_lenslet[frame, number]), request.rung, cells=cells[0])
+                for share, part in speckle.parts(frame, at):
+                    bright = share * float(per_lenslet[frame, number])
+                    image += spot_image(rig, lit, np.asarray(field * part), bright, request.rung, cells=cells[0])
             _refuse_coarse(scene, phase, lattice)
-            light = light + per_lenslet[frame, number] * irradiances(field, lattice, rig.pupil.samples)
+            light = light + per_lenslet[frame, number] * irradiances(field, lattice)
             if number == main:
                 truth.add(field, phase, even=waves.even(at))
                 if rig.imager is not None:
@@ -143,14 +148,14 @@ class _Truth:
 
     def add(self, field: NDArray[np.complex128], screens: Float, *, even: bool) -> None:
         """The main reflector's light; of `even` light the phase is that of the screens, of other light that of the field."""
-        held, lattice, samples = self._held, self._lattice, self._rig.pupil.samples
+        held, lattice = self._held, self._lattice
         own = field[1:-1, 1:-1]
         phase = screens[1:-1, 1:-1] if even else least_squares_phase(own, lattice.mask)
         held["field"].append(np.where(lattice.mask, own, 0.0).astype(np.complex64))
-        held["slope"].append(slopes(field, lattice, samples, self._rig.wavelength_m))
+        held["slope"].append(slopes(field, lattice, self._rig.wavelength_m))
         held["phase"].append(self._projector.shown(phase))
         held["zernike"].append(self._projector.coefficients(phase))
-        self.spread = max(self.spread, _spread(screens[1:-1, 1:-1], lattice, samples))
+        self.spread = max(self.spread, _spread(screens[1:-1, 1:-1], lattice))
 
     def lit(self, light: Float) -> None:
         """Photoelectrons (lenslet) of all reflectors."""
@@ -161,8 +166,11 @@ class _Truth:
         return {f"truth_{name}": np.stack(values) for name, values in self._held.items()}
 
 
-def _spread(phase: Float, lattice: Lattice, samples: int) -> float:
+def _spread(phase: Float, lattice: Lattice) -> float:
     """rms [rad] over the used lenslets of the phase about its best plane in each."""
+    samples = lattice.samples
+    if lattice.cover is not None:
+        return _spread_in(phase, lattice)
     across = len(lattice.grid_m) // samples
     tiles = phase.reshape(across, samples, across, samples).transpose(0, 2, 1, 3)[lattice.row, lattice.col]
     t = (np.arange(samples) - 0.5 * (samples - 1)) / max(samples - 1, 1)
@@ -171,6 +179,24 @@ def _spread(phase: Float, lattice: Lattice, samples: int) -> float:
     flat = tiles.reshape(len(tiles), -1)
     rest = flat - flat @ np.linalg.pinv(basis) @ basis
     return float(np.sqrt(np.mean(rest**2)))
+
+
+def _spread_in(phase: Float, lattice: Lattice) -> float:
+    """As `_spread`, of lenslets that are no squares: weighted sums over the samples of each."""
+    x, y = np.broadcast_arrays(lattice.grid_m[None, :], lattice.grid_m[:, None])
+    unit = lattice.step_m * lattice.samples
+    basis = np.stack([np.ones_like(x), x / unit, y / unit])
+    # About each lenslet's own centre, so that large arrays lose no digits.
+    one = np.stack([np.ones(len(lattice.x_m)), lattice.x_m / unit, lattice.y_m / unit])
+    sums = np.stack([[lattice.totals(a * b) for a in basis] for b in basis])
+    pulls = np.stack([lattice.totals(a * phase) for a in basis])
+    shift = np.zeros((len(lattice.x_m), 3, 3)) + np.eye(3)
+    shift[:, 1, 0], shift[:, 2, 0] = -one[1], -one[2]
+    normal = shift @ sums.transpose(2, 0, 1) @ shift.transpose(0, 2, 1)
+    pull = np.einsum("lij,jl->li", shift, pulls)
+    fit = np.linalg.solve(normal, pull[:, :, None])[:, :, 0]
+    rest = lattice.totals(phase**2) - (fit * pull).sum(axis=1)
+    return float(np.sqrt(max(float(rest.sum() / normal[:, 0, 0].sum()), 0.0)))
 
 
 def read(scene: Scene, expected: Expected[Sensed], request: Request) -> dict[str, NDArray[Any]]:

@@ -40,9 +40,19 @@ class Pupils:
         self._moving = any(layer.velocity_m_per_s is not None for layer in self._layers)
 
     @property
-    def fixed(self) -> Float:
-        """Phase [rad] (side + 2, side + 2) that is the same in every frame."""
-        return self._fixed
+    def size(self) -> int:
+        """Samples of a side, one around the grid included."""
+        return self._side
+
+    def own(self, frame: int) -> Float:
+        """Phase [rad] (side + 2, side + 2) that the water does not add: the aberration, and the tilt of the frame's pointing."""
+        effects = self._rig.effects
+        if effects is None or not effects.pointing_jitter_rad:
+            return self._fixed
+        tilt = effects.pointing_jitter_rad * generator(self._seed, self._key, Stage.POINTING, frame).standard_normal(2)
+        at = self._rig.lenslets.pitch_m / self._rig.pupil.samples * (np.arange(self._side) - 0.5 * (self._side - 1))
+        k = 2.0 * np.pi / self._rig.wavelength_m
+        return np.asarray(self._fixed + k * (tilt[0] * at[None, :] + tilt[1] * at[:, None]))
 
     @property
     def step_m(self) -> float:
@@ -65,7 +75,7 @@ class Pupils:
 
     def phase(self, frame: int, range_m: float) -> Float:
         """Phase [rad] (side + 2, side + 2) of a frame's light from a reflector at `range_m`."""
-        total = self._fixed.copy()
+        total = self.own(frame).copy()
         for _, own in self.screens(frame, range_m, self._side):
             total += (2.0 if self.mirror else 1.0) * own
         return total

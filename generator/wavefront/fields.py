@@ -59,10 +59,12 @@ def pilot(rig: WavefrontRig, most_across: int, samples: int | None = None) -> Wa
     array = rig.lenslets
     across = min(most_across, array.across)
     side = across * array.pitch_m
-    pixels = int(np.ceil(side / rig.camera.pixel_pitch_m)) + 4
+    pixels = int(np.ceil((side + array.hexagonal * array.pitch_m) / rig.camera.pixel_pitch_m)) + 4
     return rig.model_copy(
         update={
-            "lenslets": array.model_copy(update={"across": across, "missing": (), "offset_m": (0.0, 0.0)}),
+            "lenslets": array.model_copy(
+                update={"across": across, "missing": (), "missing_share": None, "offset_m": (0.0, 0.0)}
+            ),
             "pupil": rig.pupil.model_copy(
                 update={"shape": "square", "diameter_m": side, "samples": samples or rig.pupil.samples}
             ),

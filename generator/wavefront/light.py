@@ -13,7 +13,7 @@ from ...optics.correlation.response import lookup
 from ...optics.water.phase_forms import phase_density
 from ...scenes.medium_index import group_index, phase_index
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
-from ...scenes.rigs.wavefront_geometry import echo_delay_s
+from ...scenes.rigs.wavefront_geometry import clear_area_m2, echo_delay_s
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
 from ...scenes.scene import Scene
 from ..random import Stage, generator
@@ -50,8 +50,8 @@ def _photoelectrons_per_j(rig: WavefrontRig) -> float:
 
 
 def _share_of_lenslet(rig: WavefrontRig) -> float:
-    """Area of a lenslet's clear square over that of the beam."""
-    return (rig.lenslets.fill * rig.lenslets.pitch_m) ** 2 / (0.25 * np.pi * rig.bench.beam_diameter_m**2)
+    """Area of a lenslet's clear part over that of the beam."""
+    return clear_area_m2(rig) / (0.25 * np.pi * rig.bench.beam_diameter_m**2)
 
 
 def reflectors(scene: Scene) -> list[Reflector]:

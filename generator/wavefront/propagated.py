@@ -59,7 +59,7 @@ def propagated(pupils: Pupils, frame: int, range_m: float, wavelength_m: float) 
     The beam has unit power in its flat part; the phase is that of the screens alone, as `Pupils.phase` has it, for a draw of its
     own. `wavelength_m` in the water. At least one layer lies before the reflector. Raises InputError for too large a grid.
     """
-    size = len(pupils.fixed)
+    size = pupils.size
     layers = pupils.before(range_m)
     way = _way(pupils.mirror, range_m, [layer.range_m for layer in layers])
     fresnel = np.sqrt(wavelength_m * way) / pupils.step_m
@@ -74,13 +74,14 @@ def propagated(pupils: Pupils, frame: int, range_m: float, wavelength_m: float) 
     first = (side - size) // 2
     inner = (slice(first, first + size), slice(first, first + size))
     passed = [(layer.range_m, own) for layer, own in pupils.screens(frame, range_m, side)]
-    phase = pupils.fixed.copy()
+    own_phase = pupils.own(frame)
+    phase = own_phase.copy()
     for _, own in passed:
         phase += (2.0 if pupils.mirror else 1.0) * own[inner]
     steps = route(passed, range_m, mirror=pupils.mirror)
     beam = guard_band((side, side), min(max(_EDGE * fresnel, 1.0) / side, 0.5))
     u = split_step(beam, steps, pupils.step_m, wavelength_m, guard=beam)
-    return np.asarray(u[inner] * np.exp(1j * pupils.fixed)), phase
+    return np.asarray(u[inner] * np.exp(1j * own_phase)), phase
 
 
 def route(screens: list[tuple[float, Float]], range_m: float, *, mirror: bool) -> list[tuple[float, Float | None]]:

@@ -1,6 +1,6 @@
 """The truth of a frame: slopes averaged over lenslets, the phase, and its Zernike coefficients.
 
-Slope of lenslet l: Im∫u*∇u dA/(k∫|u|² dA) over its clear square. With increments arg(u_b u_a*) between neighbouring samples the
+Slope of lenslet l: Im∫u*∇u dA/(k∫|u|² dA) over its clear area. With increments arg(u_b u_a*) between neighbouring samples the
 mean of the two beside each sample takes the place of Im(u*∇u)/|u|²: exact for fields of even light, and of second order in the
 distance of samples otherwise.
 """
@@ -23,38 +23,30 @@ Complex = NDArray[np.complex128]
 _MOST_CONDITION = 1e8
 
 
-def slopes(field: Complex, lattice: Lattice, samples: int, wavelength_m: float) -> Float:
+def slopes(field: Complex, lattice: Lattice, wavelength_m: float) -> Float:
     """Slopes [rad] (lenslet, axis) along the camera's x and y, of a field (side + 2, side + 2) with one sample around the grid.
 
     NaN where a lenslet receives no light.
     """
-    power = np.abs(field[1:-1, 1:-1]) ** 2 * lattice.open
+    power = np.abs(field[1:-1, 1:-1]) ** 2
     along_x = np.angle(field[1:-1, 1:] * np.conj(field[1:-1, :-1]))
     along_y = np.angle(field[1:, 1:-1] * np.conj(field[:-1, 1:-1]))
     steps = (0.5 * (along_x[:, 1:] + along_x[:, :-1]), 0.5 * (along_y[1:] + along_y[:-1]))
-    across = len(lattice.grid_m) // samples
-
-    def per_lenslet(values: Float) -> Float:
-        whole = values.reshape(across, samples, across, samples).sum(axis=(1, 3))
-        return np.asarray(whole[lattice.row, lattice.col])
-
-    light = per_lenslet(power)
+    light = lattice.totals(power)
     with np.errstate(divide="ignore", invalid="ignore"):
-        own = [per_lenslet(power * step) / light for step in steps]
+        own = [lattice.totals(power * step) / light for step in steps]
     k = 2.0 * np.pi / wavelength_m
     own = [np.where(light > 0, value / (k * lattice.step_m), np.nan) for value in own]
     c, s = np.cos(lattice.rotation_rad), np.sin(lattice.rotation_rad)
     return np.stack([c * own[0] - s * own[1], s * own[0] + c * own[1]], axis=1)
 
 
-def irradiances(field: Complex, lattice: Lattice, samples: int) -> Float:
-    """Mean of |u|² (lenslet) over each clear square, of a field (side + 2, side + 2); 0 where no sample is clear."""
-    across = len(lattice.grid_m) // samples
-    tiles = (across, samples, across, samples)
-    power = (np.abs(field[1:-1, 1:-1]) ** 2 * lattice.open).reshape(tiles).sum(axis=(1, 3))
-    clear = np.maximum(lattice.open.reshape(tiles).sum(axis=(1, 3)), 1)
+def irradiances(field: Complex, lattice: Lattice) -> Float:
+    """Mean of |u|² (lenslet) over each clear area, of a field (side + 2, side + 2); 0 where no sample is clear."""
+    power = lattice.totals(np.abs(field[1:-1, 1:-1]) ** 2)
+    clear = lattice.totals(np.ones(lattice.open.shape))
     # A wave of even light has exactly 1: what lies below 1e-12 is rounding.
-    return np.asarray(np.round((power / clear)[lattice.row, lattice.col], 12))
+    return np.asarray(np.round(power / np.where(clear > 0.0, clear, 1.0), 12))
 
 
 class Projector:

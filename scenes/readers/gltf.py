@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .gltf_data import GltfData
-from .surface import Fetch, Surface, joined
+from .surface import EACH_PART, Budget, Fetch, Surface, joined
 
 __all__ = ["read_gltf"]
 
@@ -29,8 +29,9 @@ def read_gltf(content: bytes, fetch: Fetch) -> Surface:
         if name not in _KNOWN and not str(name).startswith(_LOOKS):
             raise ValueError(f"it requires the extension {name}, which is not read")
     parts: list[Surface] = []
+    budget = Budget()
     for node in _roots(data):
-        parts += _node(data, node, np.eye(4), 0)
+        parts += _node(data, node, np.eye(4), 0, budget)
     return joined(parts)
 
 
@@ -43,11 +44,12 @@ def _roots(data: GltfData) -> list[Any]:
     return [index for index in range(len(nodes)) if index not in children]
 
 
-def _node(data: GltfData, index: Any, above: np.ndarray, depth: int) -> list[Surface]:
+def _node(data: GltfData, index: Any, above: np.ndarray, depth: int, budget: Budget) -> list[Surface]:
     if depth > _DEEPEST:
         raise ValueError("a node is part of itself")
     node = data.item("nodes", index)
     place = above @ _transform(node)
+    budget.spend(EACH_PART)
     parts = []
     if "mesh" in node:
         if "skin" in node:
@@ -57,8 +59,9 @@ def _node(data: GltfData, index: Any, above: np.ndarray, depth: int) -> list[Sur
         for primitive in mesh.get("primitives", []):
             part = _primitive(data, primitive, weights)
             if part is not None:
+                budget.spend(len(part.vertices) + len(part.faces))
                 parts.append(_moved(part, place))
-    return parts + [p for child in node.get("children", []) for p in _node(data, child, place, depth + 1)]
+    return parts + [p for child in node.get("children", []) for p in _node(data, child, place, depth + 1, budget)]
 
 
 def _moved(part: Surface, place: np.ndarray) -> Surface:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
+from ..json_keys import read_json
 from .surface import Fetch
 
 __all__ = ["GltfData", "outside_files"]
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+#: Most elements of an accessor, which a file can ask for without holding them.
+_MOST = 2**24
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
@@ -68,7 +70,7 @@ class GltfData:
         """The elements (count, width) of an accessor: floats where it is of floats or normalised, else whole numbers."""
         spec = self.item("accessors", index)
         kind, width, count = spec.get("componentType"), _WIDTHS.get(str(spec.get("type"))), spec.get("count")
-        if kind not in _TYPES or width is None or not isinstance(count, int) or count < 1:
+        if kind not in _TYPES or width is None or not isinstance(count, int) or not 1 <= count <= _MOST:
             raise ValueError(f"accessor {index} is of an unknown form")
         layout = np.dtype(_TYPES[kind])
         if "bufferView" in spec:
@@ -86,7 +88,11 @@ class GltfData:
     ) -> None:
         where, what = self._table(sparse, "indices"), self._table(sparse, "values")
         count = sparse.get("count")
-        if where.get("componentType") not in (5121, 5123, 5125) or not isinstance(count, int) or count < 1:
+        if (
+            where.get("componentType") not in (5121, 5123, 5125)
+            or not isinstance(count, int)
+            or not 1 <= count <= _MOST
+        ):
             raise ValueError(f"the sparse part of accessor {index} is of an unknown form")
         kind = np.dtype(_TYPES[where["componentType"]])
         places = self._view(where.get("bufferView"), where.get("byteOffset", 0), kind, count, 1)[:, 0].astype(np.int64)
@@ -143,8 +149,8 @@ def _container(content: bytes) -> tuple[dict[str, Any], bytes | None]:
     else:
         text = content
     try:
-        document = json.loads(text.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
+        document = read_json(text.decode("utf-8-sig"))
+    except ValueError as error:
         raise ValueError(f"it is no JSON: {error}") from error
     if not isinstance(document, dict):
         raise ValueError("it is no JSON object")

@@ -28,7 +28,8 @@ _READERS: dict[str, Callable[[bytes, Fetch], Surface]] = {
     ".gltf": read_gltf,
     ".3mf": read_3mf,
 }
-_MOST_BYTES = 2**31
+#: Most bytes that a packed file may unpack to: 2^26, or more where it is packed by less than this factor (meshes: 3 to 30).
+_MOST_BYTES, _MOST_PACKED, _FACTOR = 2**31, 2**26, 64
 
 
 def read_mesh_file(path: Path, where: str) -> Surface:
@@ -48,7 +49,16 @@ def read_mesh_file(path: Path, where: str) -> Surface:
         )
     try:
         return _READERS[kind](_content(path), lambda name: _beside(path, name).read_bytes())
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, OSError) as error:
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        ArithmeticError,
+        OSError,
+        RecursionError,
+    ) as error:
         # A reader tells what is wrong by a ValueError; the others come of documents whose parts are of a wrong type.
         told = str(error) if isinstance(error, ValueError | OSError) else f"a part is of the wrong form ({error!r})"
         raise InputError("The mesh cannot be read.", where=where, value=f"{path.name}: {told}") from error
@@ -73,13 +83,14 @@ def _content(path: Path) -> bytes:
     """The bytes of a file, unpacked with a bound on their number (a small file can unpack to a huge one)."""
     if path.suffix.lower() != ".gz":
         return path.read_bytes()
+    most = min(_MOST_BYTES, max(_MOST_PACKED, _FACTOR * path.stat().st_size))
     try:
         with gzip.open(path, "rb") as stream:
-            content = stream.read(_MOST_BYTES + 1)
+            content = stream.read(most + 1)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise ValueError(f"it cannot be unpacked: {error}") from error
-    if len(content) > _MOST_BYTES:
-        raise ValueError("it unpacks to more than 2 GiB")
+    if len(content) > most:
+        raise ValueError(f"its {path.stat().st_size:,} bytes unpack to more than {most:,}")
     return content
 
 

@@ -156,9 +156,14 @@ def _table(data: Any, element: _Element) -> dict[str, Any]:
 def _strips(table: dict[str, Any]) -> Iterator[list[int]]:
     """Triangles of strips, in which −1 begins anew and every second triangle is turned."""
     for strip in next((table[name] for name in _CORNERS if name in table), []):
-        run: list[int] = []
+        last: list[int] = []
+        turned = False
         for corner in map(int, strip):
-            run = [] if corner < 0 else [*run, corner]
-            if len(run) >= 3:
-                a, b, c = run[-3:]
-                yield [a, b, c] if len(run) % 2 else [b, a, c]
+            if corner < 0:
+                last, turned = [], False
+                continue
+            last = [*last[-2:], corner]
+            if len(last) == 3:
+                a, b, c = last
+                yield [b, a, c] if turned else [a, b, c]
+                turned = not turned

@@ -14,7 +14,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 #: Adam7: first row and column, step of rows and columns, of each pass.
 _PASSES = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
-_MOST_BYTES = 2**31
+_MOST_PIXELS = 2**26
 
 
 def png_damage(content: bytes) -> str:
@@ -38,7 +38,7 @@ def png_damage(content: bytes) -> str:
         return "its header is of an unknown form"
     cols, rows = (int.from_bytes(header[i : i + 4], "big") for i in (0, 4))
     wanted = _bytes_of(rows, cols, header[8] * _SAMPLES[header[9]], interlaced=header[12] == 1)
-    if wanted > _MOST_BYTES:
+    if rows * cols > _MOST_PIXELS:
         return f"{cols} x {rows} pixels are too many"
     unpack = zlib.decompressobj()
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Fetch", "Surface", "joined", "triangles_of"]
+__all__ = ["EACH_PART", "Budget", "Fetch", "Surface", "joined", "triangles_of"]
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -16,6 +16,8 @@ Int = NDArray[np.int64]
 #: The content of a file that a mesh file names, by its name as it stands there. ValueError where there is none.
 Fetch = Callable[[str], bytes]
 
+#: Corners that are tried as ears, times the corners that are left: ten seconds. Each costs as much as some hundred corners.
+_MOST_CUTS, _EACH = 10**8, 500
 _CROSSED = "a face crosses itself, so that its inside is not defined"
 
 
@@ -27,6 +29,23 @@ class Surface:
     vertices: Float
     faces: Int
     uv: Float | None = None
+
+
+#: What a part costs of a `Budget` beside its corners: it takes some hundred times the memory of a corner.
+EACH_PART = 100
+
+
+class Budget:
+    """A bound on what a small file can ask for: parts that are used many times over, polygons that take long to cut."""
+
+    def __init__(self, most: int = 2**24, what: str = "its parts, used again and again, have too many corners") -> None:
+        self._left, self._what = most, what
+
+    def spend(self, amount: int) -> None:
+        """Take `amount` of it. Raises ValueError where nothing is left."""
+        self._left -= amount
+        if self._left < 0:
+            raise ValueError(self._what)
 
 
 def joined(parts: Sequence[Surface]) -> Surface:
@@ -57,6 +76,7 @@ def triangles_of(polygons: Sequence[Sequence[int]], vertices: Float) -> tuple[In
         raise ValueError("a face names a vertex that the file does not have")
     starts = np.cumsum(sizes) - sizes
     found = []
+    budget = Budget(_MOST_CUTS, "its concave polygons have too many corners to be cut; cut them into triangles first")
     for size in np.unique(sizes[sizes >= 3]):
         first = starts[sizes == size]
         corner = first[:, None] + np.arange(size)
@@ -65,7 +85,7 @@ def triangles_of(polygons: Sequence[Sequence[int]], vertices: Float) -> tuple[In
         )
         convex = np.ones(len(first), dtype=bool) if size == 3 else _convex(vertices[flat[corner]])
         rows = [fan[convex].reshape(-1, 3)]
-        rows += [_ears(vertices[flat[c]]) + c[0] for c in corner[~convex]]
+        rows += [_ears(vertices[flat[c]], budget) + c[0] for c in corner[~convex]]
         order = np.concatenate([np.repeat(first[convex], size - 2), *(np.full(len(r), r.min()) for r in rows[1:])])
         found.append((order, np.concatenate(rows)))
     if not found:
@@ -102,17 +122,17 @@ def _convex(points: Float) -> NDArray[np.bool_]:
     return np.asarray((turn >= -1e-12 * np.abs(turn).max(axis=1, keepdims=True)).all(axis=1))
 
 
-def _ears(points: Float) -> Int:
+def _ears(points: Float, budget: Budget) -> Int:
     """Triangles (k − 2, 3) of one polygon (k, 3), by its corners' numbers."""
     flat = _flattened(points)
-    left = list(range(len(flat)))
+    left = np.arange(len(flat))
     out = []
     while len(left) > 3:
-        best = next((i for i in range(len(left)) if _is_ear(flat, left, i)), None)
+        best = next((i for i in range(len(left)) if _is_ear(flat, left, i, budget)), None)
         if best is None:
             raise ValueError(_CROSSED)
         out.append((left[best - 1], left[best], left[(best + 1) % len(left)]))
-        del left[best]
+        left = np.delete(left, best)
     a, b, c = (flat[k] for k in left)
     if (
         _cross(b - a, c - a) < -1e-12 * np.ptp(flat, axis=0).max() ** 2
@@ -121,12 +141,13 @@ def _ears(points: Float) -> Int:
     return np.array([*out, tuple(left)], dtype=np.int64)
 
 
-def _is_ear(flat: Float, left: list[int], i: int) -> bool:
+def _is_ear(flat: Float, left: Int, i: int, budget: Budget) -> bool:
+    budget.spend(_EACH + len(left))
     a, b, c = flat[left[i - 1]], flat[left[i]], flat[left[(i + 1) % len(left)]]
     if _cross(b - a, c - a) <= 0:
         return False
-    others = [k for k in left if not any(np.array_equal(flat[k], corner) for corner in (a, b, c))]
-    p = flat[others]
+    p = flat[left]
+    p = p[~np.any([(p == corner).all(axis=1) for corner in (a, b, c)], axis=0)]
     inside = (_cross(b - a, p - a) >= 0) & (_cross(c - b, p - b) >= 0) & (_cross(a - c, p - c) >= 0)
     return not bool(np.any(inside))
 

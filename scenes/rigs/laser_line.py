@@ -149,6 +149,12 @@ def _check_together(rig: LaserLineRig, name: str) -> None:
          and rig.auto_exposure is not None, "the poses are those of the detector's own exposure"),
         ("effects.blooming", "detector.intensifier", effects is not None and effects.blooming is not None and tube is not None,
          "the charge that spills is that behind the tube"),
+        ("stations", "motion_m_per_s", rig.stations is not None and rig.motion_m_per_s is not None,
+         "a rig at stations stands still"),
+        ("stations", "turn_rad_per_s", rig.stations is not None and rig.turn_rad_per_s is not None,
+         "a rig at stations stands still"),
+        ("stations", "effects.exposure_poses", rig.stations is not None and effects is not None
+         and effects.exposure_poses is not None, "a rig at stations stands still"),
         ("auto_exposure", "detector.intensifier", rig.auto_exposure is not None and tube is not None,
          "the control's full well is that of a camera without a tube"),
     )  # fmt: skip

@@ -18,10 +18,13 @@ from .parts import Camera, Detector, pixel_collected_m2_sr
 __all__ = ["LaserLineRig"]
 
 _Turn = Annotated[float, Field(ge=-1e3, le=1e3)]
+_Place = Annotated[float, Field(ge=-1e3, le=1e3)]
+#: x, y, z [m] and a rotation vector [rad], as the coordinate `pose`.
+Station = tuple[_Place, _Place, _Place, _Turn, _Turn, _Turn]
 #: Absent options are left out of the data.
 _OPTIONAL = (
     "effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s", "auto_exposure",
-    "inclinometers",
+    "inclinometers", "stations",
 )  # fmt: skip
 
 
@@ -36,7 +39,8 @@ class LaserLineRig(RigSpec):
     `even_light_e_per_s`: photoelectrons per second that a pixel on the axis collects from a white surface near the camera, under
     light that comes evenly from all sides and shows the target's albedo and texture.
     `auto_exposure`: exposure and gain that follow the light, frame by frame; absent, they are the detector's. `inclinometers`:
-    the camera's attitude against gravity, read once per frame.
+    the camera's attitude against gravity, read once per frame. `stations`: poses of the rig in the frame of the scene, at which it
+    stands still: frame k of those with laser, and frame k of those without, is taken at station k modulo their number.
     """
 
     kind: Literal["laser_line"] = "laser_line"
@@ -57,6 +61,7 @@ class LaserLineRig(RigSpec):
     turn_rad_per_s: tuple[_Turn, _Turn, _Turn] | None = None
     auto_exposure: AutoExposure | None = None
     inclinometers: Inclinometers | None = None
+    stations: Annotated[tuple[Station, ...], Field(min_length=1, max_length=65536)] | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...optics.correlation.waveforms import gate_area, sample_gate
+from ...optics.lenslets.hexagons import hexagon_density
 from ..base import Vec3
 from ..errors import InputError
 from ..medium_index import medium_data
@@ -45,6 +46,7 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         "lenslets": {
             "pitch_m": rig.lenslets.pitch_m,
             "focal_length_m": rig.lenslets.focal_length_m,
+            **({"grid": "hexagonal"} if rig.lenslets.hexagonal else {}),
             "rotation_rad": lattice.rotation_rad,
             "row": lattice.row.tolist(),
             "col": lattice.col.tolist(),
@@ -86,11 +88,17 @@ def _rounded(values: Any) -> list[float]:
 
 
 def _spot(rig: WavefrontRig) -> dict[str, Any]:
-    """The spot of a flat wavefront along x, and along y, before pixels: (1/w) sinc²(u/w), w = λf/d, and the tube's phosphor."""
+    """The spot of a flat wavefront along x, and along y, before pixels: (1/w) sinc²(u/w), w = λf/d, and the tube's phosphor.
+
+    Of a hexagon, whose spot is no product, the mean of its sections along both axes.
+    """
     width = spot_px(rig)
     reach = int(np.ceil(_REACH * rig.lenslets.pitch_m / rig.camera.pixel_pitch_m * _PER_PX))
     u = np.arange(-reach, reach + 1) / _PER_PX
     value = np.sinc(u / width) ** 2 / width
+    if rig.lenslets.hexagonal:
+        value = 0.5 * (hexagon_density(u / width, 0.0) + hexagon_density(0.0, u / width))
+        value /= value.sum() / _PER_PX
     tube = rig.detector.intensifier
     if tube is not None and tube.phosphor_sigma_px > 0:
         from scipy.ndimage import gaussian_filter1d
@@ -118,7 +126,7 @@ def _check(scene: RigScene) -> None:
         )  # fmt: skip
     if not lattice.open.any():
         raise InputError(
-            "No sample of the pupil lies in a lenslet's clear square.", where=f"{scene.name}: rig.pupil.samples",
+            "No sample of the pupil lies in a lenslet's clear area.", where=f"{scene.name}: rig.pupil.samples",
             value=rig.pupil.samples, allowed=f"more than {1 / array.fill:.3g} at a fill of {array.fill:g}",
             next_step="raise rig.pupil.samples",
         )  # fmt: skip
@@ -149,6 +157,11 @@ def _check_image(scene: RigScene, rig: WavefrontRig, lattice: Lattice, cell: flo
 
 
 def _check_targets(scene: RigScene, rig: WavefrontRig) -> None:
+    if rig.reflection == "mirror" and rig.effects is not None and rig.effects.speckle_looks is not None:
+        raise InputError(
+            "The light of a mirror has no speckle.", where=f"{scene.name}: rig.effects.speckle_looks",
+            value=rig.effects.speckle_looks, allowed='null, or a target of rig.reflection = "diffuse"',
+        )  # fmt: skip
     for item in getattr(scene, "target", ()):
         shape = item.shape
         flat = shape.kind == "rectangle" and shape.tilt_x_deg == 0 and shape.tilt_y_deg == 0

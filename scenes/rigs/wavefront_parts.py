@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import NDArray
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ..base import Fraction, Spec
@@ -21,6 +21,8 @@ LENSLET_PRESETS: dict[str, dict[str, float]] = {"guo-2018": {"pitch_m": 150e-6, 
 
 _Offset = Annotated[float, Field(ge=-1, le=1)]
 _Site = Annotated[int, Field(ge=0, le=1023)]
+#: Options of lenslets that are left out of the data where they are absent.
+_OPTIONAL = ("grid", "missing_share", "missing_seed")
 
 
 def _as_tuples(value: Any) -> Any:
@@ -56,11 +58,14 @@ class Bench(Spec):
 
 
 class Lenslets(Spec):
-    """A square grid of `across` × `across` lenslets.
+    """A grid of `across` × `across` lenslets.
 
-    `preset`: a name of `LENSLET_PRESETS` in place of pitch and focal length. `fill`: side of a lenslet's clear square over the
-    pitch. `rotation_deg`: from x toward y, about the array's centre; `offset_m`: (x, y) of the array's centre from the
-    camera's axis. `missing`: (row, col) of lenslets that let no light through.
+    `grid`: "square", also where absent, or "hexagonal": hexagons with two edges parallel to y, rows √¾ of the pitch apart, every
+    second one half a pitch to the right of the middle row. `preset`: a name of `LENSLET_PRESETS` in place of pitch and
+    focal length. `fill`: side of a lenslet's clear square, or width between the clear hexagon's flats, over the pitch.
+    `rotation_deg`: from x toward y, about the array's centre; `offset_m`: (x, y) of the array's centre from the camera's axis.
+    `missing`: (row, col) of lenslets that let no light through. `missing_share`: of all lenslets, which by the draw
+    `missing_seed` (0 if absent) let none through either; those of a smaller share are among those of a larger one.
     """
 
     preset: str | None = None
@@ -72,6 +77,30 @@ class Lenslets(Spec):
     rotation_deg: Annotated[float, Field(ge=-180, le=180)]
     offset_m: tuple[_Offset, _Offset]
     missing: tuple[tuple[_Site, _Site], ...] = ()
+    grid: Literal["square", "hexagonal"] | None = None
+    missing_share: Annotated[float, Field(ge=0, lt=1)] | None = None
+    missing_seed: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+
+    @property
+    def hexagonal(self) -> bool:
+        """Whether the lenslets are hexagons."""
+        return self.grid == "hexagonal"
+
+    def lit(self) -> NDArray[np.bool_]:
+        """Which lenslets (row, col) let light through."""
+        light = np.ones((self.across, self.across), bool)
+        for down, along in self.missing:
+            if down < self.across and along < self.across:
+                light[down, along] = False
+        if self.missing_share:
+            order = np.random.default_rng(self.missing_seed or 0).permutation(light.size)
+            light.ravel()[order[: round(self.missing_share * light.size)]] = False
+        return light
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        return {name: value for name, value in data.items() if value is not None or name not in _OPTIONAL}
 
     @model_validator(mode="before")
     @classmethod
@@ -137,7 +166,7 @@ class Series(Spec):
             data.pop("gates", None)
         return data
 
-    def delays_s(self) -> npt.NDArray[np.float64]:
+    def delays_s(self) -> NDArray[np.float64]:
         """When the gate of each frame opens [s], without the declared zero of time."""
         number = np.arange(self.count)
         return np.asarray(self.start_s + self.step_s * (number % self.gates if self.gates else number))

@@ -10,13 +10,14 @@ from ..quantities import MomentTime, Rate
 from ..waveforms import Gate
 from .kind import RigSpec
 from .parts import Detector
+from .wavefront_effects import WavefrontEffects
 from .wavefront_parts import ArrayCamera, BeamLaser, Bench, Imager, Lenslets, Pupil, Series
 from .wavefront_turbulence import Aberration, Turbulence
 
 __all__ = ["WavefrontRig"]
 
 #: Absent options are left out of the data.
-_OPTIONAL = ("aberration", "imager", "propagation")
+_OPTIONAL = ("aberration", "imager", "propagation", "effects")
 
 
 class WavefrontRig(RigSpec):
@@ -24,7 +25,7 @@ class WavefrontRig(RigSpec):
 
     The reflectors are the scene's target, flat and square to the beam; `reflection` says what they return: "mirror", the beam
     itself, so that the phase of the way out doubles on the way back, or "diffuse", light from a spot on the target, whose phase
-    is that of the way back. Speckle is not modelled: it is taken as averaged away.
+    is that of the way back. Its speckle is one of the `effects`; without it, it is taken as averaged away.
     `turbulence` lies in the water and is not declared. `propagation`: "phase-screens" adds the phases of all layers in the pupil,
     and lenslets are lit evenly; "split-step" propagates the field between layers, and light scintillates. Files of before this
     choice do not have it and mean phase screens. `imager`: a camera beside the array, if there is one.
@@ -45,6 +46,7 @@ class WavefrontRig(RigSpec):
     aberration: Aberration | None = None
     imager: Imager | None = None
     propagation: Literal["phase-screens", "split-step"] | None = None
+    effects: WavefrontEffects | None = None
     ambient_e_per_s: Rate
     t0_s: MomentTime
 

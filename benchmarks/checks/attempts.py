@@ -1,0 +1,62 @@
+"""The table of a campaign of attempts on the project's reliability: tries, held and failed by part, and each failure in a line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+__all__ = ["Attempts", "print_attempts", "shares"]
+
+
+@dataclass
+class Attempts:
+    """One part of a campaign.
+
+    Main arguments:
+        part: its name. tries: attempts made. failures: one line for each that did not hold.
+    Other arguments:
+        notes: {name: count} of what else was counted, such as "refused".
+    """
+
+    part: str
+    tries: int = 0
+    failures: list[str] = field(default_factory=list)
+    notes: dict[str, int] = field(default_factory=dict)
+
+    def held(self, note: str = "") -> None:
+        """Count an attempt that held."""
+        self.tries += 1
+        if note:
+            self.notes[note] = self.notes.get(note, 0) + 1
+
+    def failed(self, told: str) -> None:
+        """Count an attempt that did not hold."""
+        self.tries += 1
+        self.failures.append(told)
+        print(f"FAILED {self.part}: {told}", file=sys.stderr, flush=True)
+
+
+def shares(total: int, parts: int) -> list[int]:
+    """`total` attempts divided among `parts`, the first ones getting what is left over."""
+    return [total // parts + (index < total % parts) for index in range(parts)]
+
+
+def _rows(parts: Iterable[Attempts]) -> Iterator[str]:
+    yield "| part | tries | held | failed | of those that held |"
+    yield "|---|---|---|---|---|"
+    tries = failed = 0
+    for part in parts:
+        notes = ", ".join(f"{count} {name}" for name, count in sorted(part.notes.items()))
+        yield f"| {part.part} | {part.tries:,} | {part.tries - len(part.failures):,} | {len(part.failures)} | {notes} |"
+        tries, failed = tries + part.tries, failed + len(part.failures)
+    yield f"| all | {tries:,} | {tries - failed:,} | {failed} | |"
+
+
+def print_attempts(parts: list[Attempts]) -> int:
+    """Print the table, then every failure. Returns the exit code: 1 where an attempt failed."""
+    print(*_rows(parts), sep="\n")
+    for part in parts:
+        for told in part.failures:
+            print(f"failed: {part.part}: {told}")
+    return int(any(part.failures for part in parts))

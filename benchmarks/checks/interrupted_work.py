@@ -1,0 +1,225 @@
+"""What the campaigns of kills and faults interrupt: commands that write, what must hold after each, and how they are finished."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["WORKS", "Work"]
+
+_SMALL = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4"]
+_SUITE = {
+    "schema_version": 1, "suite": "small", "version": 1, "title": "small", "scenes": ["flat-wall"], "conditions": ["matched"],
+    "estimators": ["peak", "weighted-average"], "fidelity": "direct", "rtol": 1e-3, "seeds": {"dev": [1], "test": [2, 3]},
+    "stresses": [{"axis": "photons", "values": [1000.0, 10.0]}],
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Work:
+    """A command that writes.
+
+    Main arguments:
+        prepare: makes its input in a folder. words: of the command, run there. again: words that finish it after a kill, the first
+            that ends with 0 of them. result: what the finished work is known by.
+        always: the states that the place may be in after any stop, as results; None where only the finished work is compared.
+    Other arguments:
+        children: whether threads and child processes are stopped too. weight: share of the attempts.
+    """
+
+    prepare: Callable[[Path], None]
+    words: Callable[[Path], list[str]]
+    again: Callable[[Path], list[list[str]]]
+    result: Callable[[Path], str]
+    leaves: tuple[str, ...] = ()
+    children: bool = True
+    weight: int = 4
+
+
+def tree(folder: Path, *, without: tuple[str, ...] = ()) -> str:
+    """A hash of the names and bytes of all files of a folder, "" where there is none."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in without)
+    if not files:
+        return ""
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(f"{path.relative_to(folder)}\n".encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _store(folder: Path, seeds: range, name: str = "s.zarr") -> Path:
+    from ...captures import write
+    from ...captures.example import example_capture
+
+    return write(folder / name, [example_capture("gated", seed=seed, optional=False) for seed in seeds])
+
+
+def _damaged(folder: Path) -> None:
+    store = _store(folder, range(3))
+    file = store / "counts" / "c.1.0.0.0"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    (store / "zarr.json").write_bytes(b"{}")
+
+
+def _partial(folder: Path) -> None:
+    from ...captures import CaptureWriter
+    from ...captures.example import example_capture
+
+    writer = CaptureWriter(folder / "s.zarr", overwrite=True)
+    for seed in range(3):
+        writer.append(example_capture("gated", seed=seed, optional=False))
+    writer.abandon()
+
+
+def _over_old(folder: Path) -> None:
+    _store(folder, range(5, 8))
+    _partial(folder)
+
+
+def _scored(folder: Path) -> None:
+    """A store, estimates of it, and earlier scores that are to be replaced."""
+    import numpy as np
+
+    from ...captures import open_captures
+    from ...captures.estimates import Estimates, write_estimates
+    from ..folders.files import write_text
+    from ..scores.score import COLUMNS
+
+    store = _store(folder, range(2))
+    shape = (5, 7)
+    arrays = {"range": np.full(shape, 2.0), "sigma": np.full(shape, 0.1), "valid": np.ones(shape, bool)}
+    sha = open_captures(store).sha256
+    write_estimates(
+        folder / "peak.h5", Estimates("peak", "gated", [arrays] * 2, [0.1] * 2, [0.1] * 2, [1.0] * 2, ["ok"] * 2, sha)
+    )
+    (folder / "out").mkdir()
+    write_text(folder / "out" / "scores.csv", ",".join(COLUMNS) + "\n")
+    write_text(folder / "out" / "report.html", "old")
+    (folder / "out" / "mine.txt").write_text("mine")
+
+
+def _suite(folder: Path) -> None:
+    data = json.loads(json.dumps(_SUITE))
+    data["overrides"] = {"rig.camera.rows": 4, "rig.camera.cols": 4}
+    (folder / "suite.json").write_text(json.dumps(data))
+
+
+def _nothing(folder: Path) -> None:
+    pass
+
+
+def _old_captures(folder: Path) -> None:
+    _store(folder, range(2))
+
+
+def _generate(folder: Path, *more: str) -> list[str]:
+    seeds = [word for seed in (1, 2, 3) for word in ("--seeds", str(seed))]
+    return ["generate", "flat-wall", *seeds, *_SMALL, "--out", str(folder / "s.zarr"), *more]
+
+
+def _run(folder: Path, verb: str, *more: str) -> list[str]:
+    return [verb, str(folder / "suite.json"), "--out", str(folder / "out"), "--no-report", *more]
+
+
+def _whole_store(folder: Path) -> str:
+    return tree(folder / "s.zarr")
+
+
+def _tables(*names: str) -> Callable[[Path], str]:
+    """The tables that do not depend on times."""
+
+    def result(folder: Path) -> str:
+        found = [folder / "out" / name for name in names]
+        return "".join(hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "" for path in found)
+
+    return result
+
+
+def _score(folder: Path, *more: str) -> list[str]:
+    return ["score", str(folder / "s.zarr"), str(folder / "peak.h5"), "--out", str(folder / "out"), *more]
+
+
+def _copy_of_run(folder: Path) -> None:
+    """A small folder of a finished run, to be replaced."""
+    from .fuzz_subjects import SUBJECTS
+
+    _suite(folder)
+    (folder / "out").mkdir()
+    SUBJECTS["folders of runs"].make(folder / "out")
+    (folder / "out" / "mine.txt").write_text("mine")
+    shutil.copy(folder / "suite.json", folder / "out" / "mine.json")
+
+
+WORKS: dict[str, Work] = {
+    "generate --overwrite": Work(
+        _old_captures,
+        lambda folder: _generate(folder, "--overwrite"),
+        lambda folder: [_generate(folder, "--overwrite")],
+        _whole_store,
+        weight=5,
+    ),
+    "generate --resume": Work(
+        _nothing, _generate, lambda folder: [_generate(folder, "--resume"), _generate(folder)], _whole_store, weight=4
+    ),
+    "data repair": Work(
+        _damaged,
+        lambda folder: ["data", "repair", str(folder / "s.zarr")],
+        lambda folder: [
+            ["data", "repair", str(folder / "s.zarr")],
+            ["data", "finalize", str(folder / "s.zarr"), "--overwrite"],
+        ],
+        _whole_store,
+        weight=6,
+    ),
+    "data finalize --overwrite": Work(
+        _over_old,
+        lambda folder: ["data", "finalize", str(folder / "s.zarr"), "--overwrite"],
+        lambda folder: [
+            ["data", "finalize", str(folder / "s.zarr"), "--overwrite"],
+            ["data", "status", str(folder / "s.zarr")],
+        ],
+        _whole_store,
+        weight=6,
+    ),
+    "score --overwrite (exchange)": Work(
+        _scored,
+        lambda folder: _score(folder, "--overwrite"),
+        lambda folder: [_score(folder, "--overwrite"), _score(folder)],
+        _tables("scores.csv", "accuracy.csv", "summary.csv", "mine.txt"),
+        weight=6,
+    ),
+    "run --resume": Work(
+        _suite,
+        lambda folder: _run(folder, "run"),
+        lambda folder: [_run(folder, "run", "--resume"), _run(folder, "run", "--overwrite"), _run(folder, "run")],
+        _tables("accuracy.csv", "summary.csv"),
+        children=False,
+        weight=2,
+    ),
+    "run --overwrite (exchange)": Work(
+        _copy_of_run,
+        lambda folder: _run(folder, "run", "--overwrite"),
+        lambda folder: [_run(folder, "run", "--overwrite"), _run(folder, "run")],
+        _tables("accuracy.csv", "summary.csv", "mine.txt"),
+        children=False,
+        weight=2,
+    ),
+    "sweep --resume": Work(
+        _suite,
+        lambda folder: _run(folder, "sweep", "--budget", "3"),
+        lambda folder: [
+            _run(folder, "sweep", "--budget", "3", "--resume"),
+            _run(folder, "sweep", "--budget", "3", "--overwrite"),
+            _run(folder, "sweep", "--budget", "3"),
+        ],
+        _tables("breakdown.csv", "failure_map.csv"),
+        children=False,
+        weight=1,
+    ),
+}

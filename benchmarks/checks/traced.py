@@ -1,0 +1,156 @@
+"""A command in a process of its own, stopped or failed at a chosen system call by strace.
+
+The process is forked from this one, in which all modules are loaded, so that an attempt takes a fraction of a second. It
+waits until strace is attached, then runs the command as `python -m beambench` does.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["CALLS", "Ended", "available", "preload", "run_traced"]
+
+#: System calls by which files are made, changed and removed.
+CALLS = (
+    "write", "pwrite64", "fsync", "ftruncate", "rename", "renameat", "renameat2", "unlink", "unlinkat", "rmdir", "mkdir", "mkdirat",
+)  # fmt: skip
+_MOST_S = 180.0
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls traced by name, faults injected."""
+
+    code: int | None
+    text: str
+    each: dict[str, int]
+    injected: int
+
+
+def available() -> str:
+    """Why strace cannot be used here, or ""."""
+    if shutil.which("strace") is None:
+        return "strace is not installed"
+    done = subprocess.run(["strace", "-qq", "-o", os.devnull, "true"], capture_output=True, text=True, check=False)
+    return "" if done.returncode == 0 else f"strace does not work here: {done.stderr.strip()[:200]}"
+
+
+def preload() -> None:
+    """Load what the commands need, without anything that starts a thread."""
+    import xarray
+    import zarr
+
+    from ...captures import finalize, repair, verify
+    from ...captures.store.writer import CaptureWriter
+
+    assert all((xarray, zarr, finalize, repair, verify, CaptureWriter))
+    _command(["--version"], sys.stderr.fileno())
+
+
+def _command(words: Sequence[str], output: int) -> int:
+    """Run `python -m beambench WORDS` in this process, which is forked for it; its exit code."""
+    pid = os.fork()
+    if pid == 0:
+        _run(words, output)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def _run(words: Sequence[str], output: int) -> None:
+    """The command, in a forked process, which ends with it."""
+    code = 70
+    try:
+        os.setsid()
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        sys.argv = ["beambench", *words]
+        runpy.run_module("beambench", run_name="__main__", alter_sys=True)
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def run_traced(
+    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, children: bool = True
+) -> Ended:
+    """Run a command under strace.
+
+    Main arguments:
+        words: of the command. folder: for the files of this function.
+    Other arguments:
+        inject: what happens at which call, such as "error=ENOSPC:when=7" or "signal=KILL:when=7" (strace, option -e inject). calls:
+            that are counted, for each thread apart. children: whether threads and child processes are traced too.
+    """
+    begin_read, begin_write = os.pipe()
+    log, said = folder / "strace.log", folder / "said.log"
+    with open(said, "w+b") as output:
+        pid = os.fork()
+        if pid == 0:
+            os.close(begin_write)
+            os.read(begin_read, 1)
+            _run(words, output.fileno())
+        os.close(begin_read)
+        command = [
+            "strace",
+            *(["-f"] if children else []),
+            "-p",
+            str(pid),
+            "-o",
+            str(log),
+            "-e",
+            f"trace={','.join(calls)}",
+        ]
+        command += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
+        with subprocess.Popen(command, stderr=subprocess.PIPE) as tracer:
+            assert tracer.stderr is not None
+            select.select([tracer.stderr], [], [], 30)
+            tracer.stderr.readline()  # "strace: Process N attached"
+            os.write(begin_write, b"x")
+            os.close(begin_write)
+            code = _wait(pid)
+            if code is None:
+                os.killpg(pid, signal.SIGKILL)
+                os.waitpid(pid, 0)
+            tracer.stderr.close()
+            try:
+                tracer.wait(timeout=10)
+            except subprocess.TimeoutExpired:
+                tracer.kill()
+        output.seek(0)
+        text = output.read().decode(errors="replace")
+    lines = log.read_text(errors="replace").splitlines() if log.exists() else []
+    injected = sum("(INJECTED)" in line for line in lines) + (code == -signal.SIGKILL)
+    log.unlink(missing_ok=True)
+    said.unlink(missing_ok=True)
+    names = Counter(found[1] for line in lines if (found := re.match(r"(?:\d+ +)?(\w+)\(", line)))
+    return Ended(code, text, dict(names), injected)
+
+
+def _wait(pid: int) -> int | None:
+    """The exit code of a process, None where it does not end in time."""
+    deadline = time.monotonic() + _MOST_S
+    while time.monotonic() < deadline:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.005)
+    return None
