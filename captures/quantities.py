@@ -97,7 +97,8 @@ class Stage:
         word: argument of `@estimator`, unique over all modalities.
         name: entry of the column `stage` in tables.
         modality: modality of the captures at the start of the chain.
-        takes: inputs in order: "capture", the names of quantities of other stages, "rig", "coordinates".
+        takes: inputs in order: "capture", the names of quantities of other stages, "rig", "coordinates". A stage may take both a
+            quantity and the capture, e.g. for an image beside the frames.
         gives: quantities that the stage returns; the main one comes first.
     """
 
@@ -109,8 +110,8 @@ class Stage:
 
     @property
     def reads_captures(self) -> bool:
-        """Whether the stage reads captures, not the results of another stage."""
-        return CAPTURE in self.takes
+        """Whether the stage reads captures, and not the results of another stage."""
+        return CAPTURE in self.takes and set(self.takes) <= {CAPTURE, COORDINATES, "rig"}
 
     def variables(self, quantity: Quantity) -> Variables:
         """The variables of one quantity: `range`, `sigma`, `valid`. For every quantity after the first, the names of the last

@@ -11,6 +11,7 @@ import xarray as xr
 
 from ..captures.layouts import stage_of
 from ..captures.quantities import GREATEST, LEAST, Quantity, Stage, Variables, possible_sigma, possible_value
+from ..captures.sizes import sizes_of
 from ..scenes.errors import InputError
 
 __all__ = ["check_result", "masked_result", "range_result", "stage_result"]
@@ -120,7 +121,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
             value=type(result).__name__,
             allowed="xarray.Dataset",
         )
-    measured = _sizes_of_data(capture)
+    measured = sizes_of(capture)
     for key, dims in stage.dims().items():
         if key not in result.variables:
             raise InputError(
@@ -139,16 +140,6 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
     for quantity in stage.gives:
         _check_values(result, quantity, stage.variables(quantity), name)
     return result.copy(deep=False)
-
-
-def _sizes_of_data(capture: xr.Dataset) -> dict[Any, int]:
-    """Length of every dimension of a capture that its data and coordinates have; those that truth alone has are not known."""
-    return {
-        dim: size
-        for name, held in capture.variables.items()
-        if not str(name).startswith("truth_")
-        for dim, size in zip(held.dims, held.shape, strict=True)
-    }
 
 
 def _check_values(result: xr.Dataset, quantity: Quantity, names: Variables, name: str) -> None:

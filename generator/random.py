@@ -32,6 +32,7 @@ class Stage(IntEnum):
     INCLINATION = 12
     SCREEN = 20  # turbulence; a block is a frame and a layer
     POINTING = 21
+    IMAGER = 22  # the camera beside the lenslets; a block is a frame
 
 
 def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:

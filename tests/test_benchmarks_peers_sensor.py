@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from beambench.benchmarks.peers import sensor_chain
 
 
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from /proc")
 def test_a_stream_of_frames_takes_no_more_memory_than_a_few(long_run: None) -> None:
+    """Peak resident memory of two processes: a hundred frames of 256 × 256 doubles would be 52 MB, more than 5 %."""
     peak = sensor_chain.memory_of_a_stream()
-    assert peak["100"] < 1.02 * peak["10"]
+    assert peak["100"] < 1.05 * peak["10"]
 
 
 def test_modes_and_their_variances_are_three_products_or_less() -> None:

@@ -17,7 +17,7 @@ from beambench.estimators import get_estimator, list_estimators, run_estimator
 from beambench.estimators.result import stage_result
 from beambench.estimators.rig import read_rig
 from beambench.estimators.wavefront.cells import measured
-from beambench.estimators.wavefront.moments import _plain
+from beambench.estimators.wavefront.moments import _plain, _plain_straight
 from beambench.generator.generate import generate
 from beambench.optics.lenslets.gradients import mean_gradients, square
 from beambench.optics.zernike import zernike
@@ -270,7 +270,8 @@ def test_frames_of_several_channels_are_refused() -> None:
 
 @pytest.mark.parametrize("light", [1e-10, 2e-12])
 def test_the_compiled_centre_of_gravity_is_that_of_the_cells(light: float) -> None:
-    """Clipped pixels, a lost spot and two levels of light; the kernel sums in another order: rounding only."""
+    """Clipped pixels, a lost spot and two levels of light. The kernel sums in single precision, 6e-8 of what is summed: with whole
+    offsets sums of counts are exact, and the light of a faint spot is a few per cent of that of its cell."""
     scene = load_scene("gated-turbulence", {
         "rig.laser.pulse_energy_j": light, "rig.lenslets.across": 10, "rig.frames.count": 3, "rig.pupil.diameter_m": 1.5e-3,
         "rig.camera.rows": 90, "rig.camera.cols": 92,
@@ -279,8 +280,8 @@ def test_the_compiled_centre_of_gravity_is_that_of_the_cells(light: float) -> No
     counts = capture["counts"].values.copy()
     counts[0, 40:44, 44:50], counts[1, 44:54, 20:30] = 4095, 100
     capture = capture.assign(counts=(capture["counts"].dims, counts))
-    one, other = (measured(capture, _plain, compiled=compiled) for compiled in (False, True))
+    one, other = (measured(capture, _plain, reader=reader) for reader in (None, _plain_straight))
     assert 0 < (~one["valid"].values).sum() < one["valid"].size
     np.testing.assert_array_equal(one["valid"].values, other["valid"].values)
     for name in ("spot", "sigma"):
-        np.testing.assert_allclose(other[name].values, one[name].values, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(other[name].values, one[name].values, rtol=1e-6, atol=2e-6)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.benchmarks.judges.bound import bounds_of
+from beambench.benchmarks.judges.bound import bounds_of, truths_of
 from beambench.captures.hide import hide_truth
 from beambench.captures.validate import validate
 from beambench.estimators import run_estimator
@@ -18,6 +18,8 @@ from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
 RUNGS = ("geometric", "isolated", "coherent")
+#: What generation may refuse: samples too coarse, too few cells, a field too wide, a flow that one screen cannot hold.
+REFUSED = ("half a turn", "not independent", "spreads over too many", "flows too far", "for the speckle")
 CHAINS = (
     "spot-centroid",
     "spot-ml",
@@ -114,10 +116,7 @@ def _check(seed: int) -> bool:
         try:
             capture = generate(scene, seed=seed, fidelity=rung, truth_electrons=True)
         except InputError as error:
-            assert any(
-                word in error.what
-                for word in ("half a turn", "not independent", "spreads over too many", "for the speckle")
-            ), error
+            assert any(word in error.what for word in REFUSED), error
             return False
         again = generate(scene, seed=seed, fidelity=rung)
     assert np.array_equal(capture["counts"], again["counts"]) and np.array_equal(
@@ -130,11 +129,11 @@ def _check(seed: int) -> bool:
         assert np.isfinite(capture[name].values).all(), name
     inside = np.isfinite(capture["truth_phase"].values)
     assert inside.any() and np.abs(capture["truth_phase"].values[inside]).max() < 1e6
+    truths = truths_of(capture)
     for name, bound in (bounds_of(capture) if seed % 4 == 0 else {}).items():
-        truth = np.isfinite(
-            capture["truth_phase" if name == "phase" else "truth_zernike" if name == "zernike" else "truth_slope"]
-        )
-        assert not np.isnan(bound.sigma[truth.values]).any() and bound.scale > 0 and bound.window > 0, name
+        known = np.isfinite(truths[name].value)
+        told = bound.kind == "none" or not np.isnan(bound.sigma[known]).any()
+        assert told and bound.scale > 0 and bound.window > 0, name
     for label in CHAINS:
         # A reference without light, and too few lenslets, are refused.
         with contextlib.suppress(InputError):
@@ -151,5 +150,6 @@ def test_random_scenes_are_sound(first: int) -> None:
 
 
 @pytest.mark.slow
-def test_five_hundred_random_scenes_are_sound(long_run: None) -> None:
-    assert sum(_check(seed) for seed in range(1000, 1500)) >= 250
+@pytest.mark.parametrize("first", range(1000, 1500, 100))
+def test_five_hundred_random_scenes_are_sound(first: int, long_run: None) -> None:
+    assert sum(_check(seed) for seed in range(first, first + 100)) >= 50

@@ -30,6 +30,7 @@ from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.rigs.wavefront_geometry import Lattice, corners_m, flat_spots, lattice_of, spot_px, spot_reach_px
 from ..scores.truth import Bound
 from .instrument import bounded, true_scene, unbounded
+from .wavefront_turbulence import image_bound, turbulence_bounds
 
 __all__ = ["spot_sigma", "wavefront_bounds"]
 
@@ -69,12 +70,14 @@ def wavefront_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     width, pitch = spot_px(rig), rig.lenslets.pitch_m / rig.camera.pixel_pitch_m
     modes, phase = _modal(capture, rig, lattice, sigma * per_px)
     tilt = 2.0 * np.pi / rig.wavelength_m * pitch * per_px * rig.pupil.diameter_m
+    centre, k = np.stack([lattice.x_m, lattice.y_m], axis=1), 2.0 * np.pi / rig.wavelength_m
     return {
+        **turbulence_bounds(capture, sigma * per_px, centre, rig.lenslets.pitch_m, k), **image_bound(capture),
         "spot": Bound(sigma, kind, width, pitch),
         "slope": Bound(sigma * per_px, kind, width * per_px, pitch * per_px),
         "zernike": Bound(modes, "quasi", _SCALE_RAD, tilt / 4.0),
         "phase": Bound(phase, "quasi", _SCALE_RAD, tilt),
-    }
+    }  # fmt: skip
 
 
 def spot_sigma(rig: WavefrontRig, at: Float, flux: Float, level: float) -> Float:

@@ -19,7 +19,8 @@ __all__ = ["JUDGE"]
 
 
 def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
-    """The true slope, coefficients and phase; and the spot: the declared place, moved by f times the true slope.
+    """The true slope, coefficients and phase, turbulence and chart where the capture has them; and the spot: the declared
+    place, moved by f times the true slope.
 
     Positions are read against a reference, so that a place that is declared wrongly is the same in estimate and truth.
     """
@@ -27,6 +28,13 @@ def _truth(capture: xr.Dataset) -> Mapping[str, Truth]:
         np.asarray(capture[f"truth_{name}"].values, np.float64) for name in ("slope", "zernike", "phase")
     )
     found = {"slope": Truth.plain(slope), "zernike": Truth.plain(zernike), "phase": Truth.plain(phase)}
+    found |= {
+        name: Truth.plain(np.asarray(capture[f"truth_{name}"].values, np.float64))
+        for name in ("r0", "present", "source")
+        if f"truth_{name}" in capture
+    }
+    if "truth_image" in capture and "image" in capture:
+        found["image"] = Truth.plain(np.broadcast_to(capture["truth_image"].values, capture["image"].shape))
     return {"spot": Truth.plain(_place(capture, slope)), **found}
 
 
@@ -49,6 +57,9 @@ JUDGE = Judge(
     calibrate=reference_calibration,
     neighbours=("spot-ml", "spot-centroid", "spot-gaussian"),
     scenes=("gated-turbulence",),
-    feeders={"assignment": "spot-ml", "reconstruction": "spot-ml+slope-cell"},
+    feeders={
+        "assignment": "spot-ml", "reconstruction": "spot-ml+slope-cell", "turbulence": "spot-ml+slope-cell",
+        "deconvolution": "spot-ml+slope-cell+zernike-map",
+    },
     laws="beambench.benchmarks.laws.wavefront:LAWS",
-)
+)  # fmt: skip

@@ -148,7 +148,12 @@ class Maker:
         part["gain_dn_per_e"] *= 2
         part["offset_dn"] *= 2
         part["adc_bits"] += 1
-        return self.changed(lambda data: data * data.dtype.type(2)).assign_attrs(rig=json.dumps(rig))
+        twice = self.changed(lambda data: data * data.dtype.type(2)).assign_attrs(rig=json.dumps(rig))
+        # Other images of the same converter, such as a reference, are in counts too.
+        for name, variable in self.layout.by_name.items():
+            if name != self.layout.data and name in twice and variable.role == "data" and "DN" in variable.units:
+                twice[name] = twice[name].copy(data=twice[name].values * twice[name].dtype.type(2))
+        return twice
 
     @property
     def elements(self) -> int:

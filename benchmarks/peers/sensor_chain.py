@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
-import tracemalloc
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...estimators.wavefront.modal import Solver
 from ...estimators.wavefront.moment_kernel import centres_of_gravity
 from ...optics.lenslets.gradients import mean_gradients, square
 from ...optics.lenslets.lattice import LensletArray, cells_of_phase
@@ -48,6 +49,7 @@ __all__ = [
     "least_times",
     "memory_of_a_stream",
     "modes_in_products",
+    "stream",
 ]
 
 Float = NDArray[np.float64]
@@ -183,50 +185,51 @@ def against_aotools() -> dict[str, float]:
 
 
 def modes_in_products() -> dict[str, float]:
-    """Time of 66 modes from slopes over that of one product of a matrix (65, 2·lenslets) with a vector: the least squares of known
-    noise, with their variances (a second product), and with the covariance that the error of the phase needs."""
+    """Time of a frame's 66 modes from slopes with known noise, as `zernike-ls` computes them, over that of one product of a matrix
+    (65, 2·lenslets) with a vector: the coefficients alone, and with their variances (a second product)."""
     middle = (np.arange(LENSLETS) - 0.5 * (LENSLETS - 1)) * PITCH_M
     x, y = (a.ravel() for a in np.meshgrid(middle, middle))
     radius = 0.5 * LENSLETS * PITCH_M
     used = np.hypot(x, y) <= radius
     slope = mean_gradients(range(2, MODES + 1), np.stack([x[used], y[used]], axis=1), square(PITCH_M), radius)
-    inverse = np.linalg.pinv(slope.reshape(-1, MODES - 1))
-    squares = inverse**2
+    solver = Solver.of(slope.reshape(-1, MODES - 1), np.ones(2 * int(used.sum())))
+    assert solver is not None, "66 modes of 32 × 32 lenslets are told apart"
     rng = np.random.default_rng(0)
-    matrix, s, v = (
-        rng.standard_normal(inverse.shape),
-        rng.standard_normal(inverse.shape[1]),
-        rng.uniform(1, 2, inverse.shape[1]),
-    )
+    size = solver.inverse.shape
+    matrix, s, v = rng.standard_normal(size), rng.standard_normal(size[1]), rng.uniform(1, 2, size[1])
     spent = least_times(
         {
             "product": lambda: [matrix @ s for _ in range(20)],
-            "modes": lambda: [inverse @ s for _ in range(20)],
-            "variances": lambda: [(inverse @ s, squares @ v) for _ in range(20)],
-            "covariance": lambda: [(inverse @ s, (inverse * v) @ inverse.T) for _ in range(20)],
+            "modes": lambda: [solver.inverse @ s for _ in range(20)],
+            "variances": lambda: [solver.modes(s, v) for _ in range(20)],
         },
         turns=40,
     )
-    return {name: spent[name] / spent["product"] for name in ("modes", "variances", "covariance")}
+    return {name: spent[name] / spent["product"] for name in ("modes", "variances")}
 
 
-def memory_of_a_stream() -> dict[str, float]:
-    """Peak of Python's memory [MB] from phases to positions, frame by frame, over 10 and over 100 frames."""
+def stream(frames: int) -> None:
+    """Phases, light and positions of so many frames, one after the other."""
     array, place = array_of(LENSLETS, (2, 16, 1)), _frame(1)[1] * (PIXELS / 8.427)
     whole = np.ones(len(place), bool)
+    for seed in range(frames):
+        light = _ours(array, 2, pupil_phase("turbulence", LENSLETS, np.random.default_rng(seed)), False)
+        scale = (0.0, float(light.max()), -1.0, np.inf)
+        centres_of_gravity(light[None], place, 0.5 * PIXELS, 2.9, whole, scale, 0.0, 1.0, 0.0)
 
-    def stream(frames: int) -> float:
-        tracemalloc.start()
-        for seed in range(frames):
-            light = _ours(array, 2, pupil_phase("turbulence", LENSLETS, np.random.default_rng(seed)), False)
-            scale = (0.0, float(light.max()), -1.0, np.inf)
-            centres_of_gravity(light[None], place, 0.5 * PIXELS, 2.9, whole, scale, 0.0, 1.0, 0.0)
-        peak = tracemalloc.get_traced_memory()[1] / 1e6
-        tracemalloc.stop()
-        return peak
 
-    stream(2)
-    return {"10": stream(10), "100": stream(100)}
+def memory_of_a_stream(frames: tuple[int, ...] = (10, 100)) -> dict[str, float]:
+    """Peak resident memory [MB] of processes that stream so many frames, one process each: {frames: peak}. Linux only."""
+    code = (
+        "import sys; from beambench.benchmarks.peers.sensor_chain import stream; stream(int(sys.argv[1]));"
+        "print([line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')][0])"
+    )
+    found: dict[str, float] = {}
+    for number in (1, *frames):  # the first one compiles what is not in the cache
+        done = subprocess.run([sys.executable, "-c", code, str(number)], capture_output=True, text=True, check=True)
+        found[str(number)] = float(done.stdout) / 1024.0
+    del found["1"]
+    return found
 
 
 def main() -> int:

@@ -16,6 +16,7 @@ from ..folders.files import write_json, write_text
 from ..folders.kinds import BREAK
 from ..folders.progress import Progress, silent
 from ..folders.record import TABLES_VERSION, machine, now, versions
+from ..judges import JUDGES, judge_of
 from ..scores.tables import to_csv
 from ..statistics.skips import not_applicable, skip_reason
 from ..suites.spec import Limits
@@ -95,8 +96,10 @@ class _Judge:
         own = rows[self.label]
         if not_applicable(own["status"]):
             raise InputError(
-                "The estimator cannot be judged on these scenes.", where=self.label, value=skip_reason(own["status"])
-            )
+                "The estimator cannot be judged on these scenes.", where=self.label, value=skip_reason(own["status"]),
+                allowed="scenes whose captures it reads",
+                next_step="name one: " + " or ".join(f"--scenes {judge_of(name).scenes[0]}" for name in JUDGES),
+            )  # fmt: skip
         applicable = [row for label, row in rows.items() if label != self.label and not not_applicable(row["status"])]
         best = min((row["rmse_full"] for row in applicable), default=math.inf)
         best = max(min(best, own["rmse_full"]), 1e-12)

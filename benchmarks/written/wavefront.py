@@ -54,7 +54,7 @@ def written_capture(scene: Scene, flux: Any, background: float, slope: Any, *, s
             "reference": drawn_counts(flat, noise, rng).mean(axis=0).astype(np.float32),
         },
         coords={
-            "delay": rig.frames.start_s + rig.frames.step_s * np.arange(frames),
+            "delay": rig.frames.delays_s(),
             "time": rig.frames.interval_s * np.arange(frames), "valid": True,
         },
         truth={

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..quantities import CAPTURE, Quantity, Stage
+from ..quantities import CAPTURE, COORDINATES, Quantity, Stage
 from .layout import Layout
 from .variables import COUNTS, REAL, camera_extras, coord, data, per_frame, truth
 
@@ -23,6 +23,11 @@ _WAVEFRONT = (
     truth(
         "truth_background", "frame", REAL, "electron", "ambient, dark and scattered electrons of a pixel", required=False,
     ),
+    data("image", "frame image_row image_col", REAL, "electron", "chart seen through the same pupil", required=False),
+    truth("truth_image", "image_row image_col", REAL, "1", "the chart, 1 where it is white", required=False),
+    truth("truth_r0", "gate", REAL, "m", "Fried parameter at the array; NaN without turbulence", required=False),
+    truth("truth_present", "gate", REAL, "1", "1 where there is turbulence, 0 where there is none", required=False),
+    truth("truth_source", "layer", REAL, "m", "range of the strongest layer; NaN without turbulence", required=False),
     *camera_extras("frame row col"),
 )  # fmt: skip
 
@@ -32,6 +37,11 @@ _SLOPE = Quantity(
 )
 _ZERNIKE = Quantity("zernike", "rad", ("frame", "mode"), "Zernike coefficient, Noll index from 2, unit rms")
 _PHASE = Quantity("phase", "rad", ("frame", "pupil_row", "pupil_col"), "phase of the wavefront")
+#: A gate is a delay that frames have in common, in ascending order.
+_R0 = Quantity("r0", "m", ("gate",), "Fried parameter of the wavefront at the array", (1e3, "mm"), positive=True)
+_PRESENT = Quantity("present", "1", ("gate",), "probability that there is turbulence")
+_SOURCE = Quantity("source", "m", ("layer",), "range of the strongest layer")
+_IMAGE = Quantity("image", "1", ("frame", "image_row", "image_col"), "chart without blur, 1 where it is white")
 
 LAYOUT = Layout(
     name="wavefront",
@@ -43,6 +53,8 @@ LAYOUT = Layout(
         Stage("centroid", "centroid", "wavefront", (CAPTURE,), (_SPOT,)),
         Stage("assignment", "assignment", "wavefront", ("spot", "rig"), (_SLOPE,)),
         Stage("reconstruction", "reconstruction", "wavefront", ("slope", "rig"), (_ZERNIKE, _PHASE)),
+        Stage("turbulence", "turbulence", "wavefront", ("slope", "rig", COORDINATES), (_R0, _PRESENT, _SOURCE)),
+        Stage("deconvolution", "deconvolution", "wavefront", ("phase", CAPTURE, "rig"), (_IMAGE,)),
     ),
     finite=("delay",),
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -27,13 +27,16 @@ __all__ = [
     "Cells",
     "Found",
     "Method",
+    "Reader",
     "Scale",
     "Search",
     "cells_of",
     "check_frames",
+    "corner_px",
     "first_guess",
     "measured",
     "relative",
+    "whole_cells",
 ]
 
 Float = npt.NDArray[np.float64]
@@ -88,6 +91,8 @@ class Cells:
 
 
 Method = Callable[[Cells], Found]
+#: images (image, rows, cols) [DN], declared rig, exposures of each, least height of a spot -> what is found, sound cells only.
+Reader = Callable[[npt.NDArray[Any], DeclaredRig, int, float], Found]
 
 
 @dataclass(frozen=True)
@@ -148,11 +153,21 @@ def _gather(geometry: Geometry, rows: int, cols: int) -> _Gather:
     col, row = middle[:, :1] + step, middle[:, 1:] + step
     x, y = col - geometry.place_px[:, :1], row - geometry.place_px[:, 1:]
     inside = (np.abs(y) <= half)[:, :, None] & (np.abs(x) <= half)[:, None, :]
-    far = min(_CORNER * geometry.pitch_px, half - 0.51)
+    far = corner_px(geometry)
     corner = inside & (np.abs(y) > far)[:, :, None] & (np.abs(x) > far)[:, None, :]
     there = ((row >= 0) & (row < rows))[:, :, None] & ((col >= 0) & (col < cols))[:, None, :]
     whole = np.asarray((there | ~inside).all(axis=(1, 2)))
     return _Gather(np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1), x, y, inside & there, corner & there, whole)
+
+
+def corner_px(geometry: Geometry) -> float:
+    """Distance [px] from the middle of a cell, in both axes, beyond which a pixel shows the background."""
+    return min(_CORNER * geometry.pitch_px, 0.5 * geometry.pitch_px - 0.51)
+
+
+def whole_cells(rig: DeclaredRig, rows: int, cols: int) -> Bool:
+    """Which cells lie within an image of this size (lenslet)."""
+    return _declared_gather(rig, rows, cols).whole
 
 
 def cells_of(
@@ -238,13 +253,18 @@ def check_frames(capture: xr.Dataset) -> tuple[DeclaredRig, npt.NDArray[Any], np
 
 
 def measured(
-    capture: xr.Dataset, method: Method, *, least_sigmas: float = 5.0, search: Search = "cell", compiled: bool = False
+    capture: xr.Dataset,
+    method: Method,
+    *,
+    least_sigmas: float = 5.0,
+    search: Search = "cell",
+    reader: Reader | None = None,
 ) -> xr.Dataset:
     """The result of the stage `centroid`: spots [px] (frame, lenslet, axis), axis 0 along columns.
 
     Other arguments:
         search: "field": spots are looked for in the whole frame, and a cell is laid about that of each lenslet.
-        compiled: `method` is the plain centre of gravity; images are read by its kernel, without an array per cell.
+        reader: `method` on whole images, without an array per cell; used where spots are looked for in their cells.
 
     Raises InputError as `check_frames`, for a reference without spots, and for one whose spots do not lie where the rig declares
     them.
@@ -254,14 +274,10 @@ def measured(
 
     geometry = declared_geometry(rig)
 
+    read = reader or partial(_by_cells, method)
+
     def found(images: npt.NDArray[Any], exposures: int) -> Found:
-        if compiled:
-            one = _gravity(images, rig, exposures, least_sigmas)
-        else:
-            cells = cells_of(images, rig, exposures=exposures, least_sigmas=least_sigmas)
-            one = method(cells)
-            one = Found(one.position, one.variance, one.good & cells.sound)
-        return _within(one, geometry)
+        return _within(read(images, rig, exposures, least_sigmas), geometry)
 
     origin = found(reference[None], rig.whole("reference.exposures"))
     flat = cells_of(reference[None], rig)
@@ -280,6 +296,12 @@ def measured(
     )
     _check_reference(origin.good, first_guess(flat)[:, :2], geometry)
     return relative(frames, origin, usable, geometry, lock)
+
+
+def _by_cells(method: Method, images: npt.NDArray[Any], rig: DeclaredRig, exposures: int, least_sigmas: float) -> Found:
+    cells = cells_of(images, rig, exposures=exposures, least_sigmas=least_sigmas)
+    one = method(cells)
+    return Found(one.position, one.variance, one.good & cells.sound)
 
 
 def _within(found: Found, geometry: Geometry) -> Found:
@@ -309,21 +331,6 @@ def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sig
     cells = cells_of(image[None], rig, least_sigmas=least_sigmas, moved=moved)
     one = _within(method(cells), moved)
     return Found(one.position + shift, one.variance, one.good & cells.sound & held)
-
-
-def _gravity(images: npt.NDArray[Any], rig: DeclaredRig, exposures: int, least_sigmas: float) -> Found:
-    """Centres of gravity of the cells of images (image, rows, cols) [DN]."""
-    from .moment_kernel import centres_of_gravity
-
-    geometry, scale = declared_geometry(rig), Scale.of(rig)
-    half = 0.5 * geometry.pitch_px
-    position, variance, good, sound = centres_of_gravity(
-        images, geometry.place_px, half, min(_CORNER * geometry.pitch_px, half - 0.51),
-        _declared_gather(rig, *images.shape[1:]).whole,
-        (scale.offset_dn, scale.dn_per_e, scale.dead_dn, scale.top_dn), scale.floor_e2 / exposures, scale.excess / exposures,
-        least_sigmas,
-    )  # fmt: skip
-    return Found(position, variance, good & sound)
 
 
 def _locking(cells: Cells, method: Method) -> Float:

@@ -7,6 +7,7 @@ from ..declared import Key, camera_keys
 __all__ = ["WAVEFRONT_KEYS"]
 
 _ALL, _SPOTS, _MODES = "all", "centroids", "reconstructions"
+_LAYERS, _IMAGES = "turbulence-ml, for the range of a layer", "deblur-tv"
 
 WAVEFRONT_KEYS = (
     Key("laser.wavelength_m", "number", "m", "vacuum wavelength", _MODES, above=0),
@@ -35,5 +36,12 @@ WAVEFRONT_KEYS = (
     Key("spot.step_px", "number", "px", "distance of the samples of the spot", _SPOTS, above=0),
     Key("spot.value", "numbers", "1", "the spot's samples, of any scale", _SPOTS),
     Key("reference.exposures", "whole", "1", "exposures that the reference is the mean of", _SPOTS),
+    Key("gate.centre_s", "number", "s", "centroid of the gate's transmission after its opening edge", _LAYERS, within="gate"),
+    Key("bench.laser_arm_m", "number", "m", "way through air from the laser to the last splitter", _LAYERS, within="gate", least=0),
+    Key("bench.camera_arm_m", "number", "m", "way through air from that splitter to the array", _LAYERS, within="gate", least=0),
+    Key("medium.group_index", "number", "1", "group index of the water", _LAYERS, within="gate", above=0),
+    Key("reflection", "word", "1", "what the reflectors are", _LAYERS, within="gate", words=("mirror", "diffuse")),
+    Key("imager.photoelectrons", "number", "electron", "electrons of a white pixel of `image`", _IMAGES, within="imager", above=0),
+    Key("imager.read_noise_e", "number", "electron", "rms read noise of a pixel of `image`", _IMAGES, within="imager", least=0),
     *camera_keys(_SPOTS),
 )  # fmt: skip

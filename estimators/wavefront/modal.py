@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,8 @@ from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
 
 __all__ = [
-    "Modes", "check_disc", "check_square", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes", "zernike_ls",
+    "Modes", "Solver", "check_disc", "check_square", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes",
+    "zernike_ls",
 ]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
@@ -83,37 +83,42 @@ def pupil_grid(geometry: Geometry) -> tuple[Float, Float, Bool]:
 
 
 def modal_result(
-    modes: Modes, coefficient: Float, covariance: list[Float | None], good: Bool, last: int = 0
-) -> xr.Dataset:
-    """The result of the stage `reconstruction` from coefficients (frame, mode) and their covariances, None where there are none;
-    `last`: greatest Noll index that is reported (0: all), while all make the phase.
+    modes: Modes, coefficient: Float, covariance: list[Float | None], good: Bool, last: int = 0, *, sigma: Float | None = None
+) -> xr.Dataset:  # fmt: skip
+    """The result of the stage `reconstruction` from coefficients (frame, mode) and their covariances, None where there are none.
+
+    Other arguments:
+        last: greatest Noll index that is reported (0: all), while all make the phase. sigma (frame, mode): standard errors of the
+            coefficients, where a covariance is shared by frames of different noise: it is then scaled to their mean square.
 
     The phase's standard error is that of the coefficients, √(Zᵀ C Z); samples outside the pupil are invalid.
     """
     frames, number = coefficient.shape
     side = modes.mask.shape[0]
-    sigma = np.full((frames, number), np.nan)
+    own = np.full((frames, number), np.nan) if sigma is None else sigma.copy()
     phase, spread = np.full((frames, side, side), np.nan), np.full((frames, side, side), np.nan)
     shown: dict[int, Float] = {}
     for frame in range(frames):
         held = covariance[frame]
         if not good[frame] or held is None:
             continue
-        sigma[frame] = np.sqrt(np.diagonal(held))
+        variance = np.diagonal(held)
+        if sigma is None:
+            own[frame] = np.sqrt(variance)
         phase[frame][modes.mask] = coefficient[frame] @ modes.surface
         if id(held) not in shown:
             shown[id(held)] = np.sqrt(
                 np.maximum(np.einsum("jp,jk,kp->p", modes.surface, held, modes.surface, optimize=True), 0)
             )
-        spread[frame][modes.mask] = shown[id(held)]
+        spread[frame][modes.mask] = shown[id(held)] * np.sqrt((own[frame] ** 2).mean() / variance.mean())
     if last:
-        coefficient, sigma = coefficient[:, : last - 1], sigma[:, : last - 1]
+        coefficient, own = coefficient[:, : last - 1], own[:, : last - 1]
     there = np.broadcast_to(good[:, None], coefficient.shape)
     inside = good[:, None, None] & modes.mask
     return stage_result(
         "reconstruction",
         zernike=coefficient,
-        sigma=sigma,
+        sigma=own,
         valid=there,
         phase=phase,
         sigma_phase=spread,
@@ -153,17 +158,21 @@ def last_mode(rig: DeclaredRig, modes: int, *, disc: bool = False) -> int:
 @estimator(
     "reconstruction",
     cites="Guo et al. 2017, Eq. 27 and 30; R. Cubalchini, JOSA 69:972, 1979 (least squares of lenslet-averaged gradients)",
+    joint=True,
 )
 def zernike_ls(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, weighted: bool = True) -> xr.Dataset:
-    """c minimises Σ w (s − A c)², A the gradients averaged over the lenslets, w = 1/σ² or, not `weighted`, 1.
+    """c minimises Σ w (s − A c)², A the gradients averaged over the lenslets.
+
+    w is 1 over the mean, over the frames with the same valid lenslets, of σ² in units of a frame's own mean; or 1, not `weighted`.
+    All these frames have one inverse: their own σ is noisier than what it tells of a lenslet.
 
     Main arguments: slopes [rad] and their standard errors; the declared rig.
     Other arguments:
         modes: greatest Noll index; 0: that of the rig, as far as the slopes can tell modes apart.
 
     Returns zernike, sigma [rad rms] (frame, mode), Noll's index from 2, and phase [rad] on the pupil's grid. sigma is the noise's,
-    (Aᵀ Σ⁻¹ A)⁻¹; what the modes that are left out do to those that are fitted (aliasing) is not in it. A frame is invalid where its
-    slopes do not tell the modes apart. Raises InputError for fewer slopes than modes.
+    of a frame's own σ; what the modes that are left out do to those that are fitted (aliasing) is not in it. A frame is invalid
+    where its slopes do not tell the modes apart. Raises InputError for fewer slopes than modes.
     """
     last = last_mode(rig, modes)
     basis = modes_of(rig, last)
@@ -173,38 +182,51 @@ def zernike_ls(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, weighted
 
 def _least_squares(basis: Modes, own: Float, variance: Float, valid: Bool, *, weighted: bool) -> xr.Dataset:
     frames, number = len(own), basis.slope.shape[2]
-    coefficient, good = np.full((frames, number), np.nan), np.zeros(frames, bool)
-    covariance: list[Float | None] = [None] * frames
-    known: dict[bytes, tuple[Any, Any, Float] | None] = {}
-    for frame in range(frames):
-        use = np.repeat(valid[frame], 2)
-        if 2 * int(valid[frame].sum()) < number:
+    coefficient, sigma, good = (
+        np.full((frames, number), np.nan),
+        np.full((frames, number), np.nan),
+        np.zeros(frames, bool),
+    )
+    shared: list[Float | None] = [None] * frames
+    for used in np.unique(valid, axis=0):
+        group = np.flatnonzero((valid == used).all(axis=1))
+        use = np.repeat(used, 2)
+        if 2 * int(used.sum()) < number:
             continue
-        a, s = basis.slope.reshape(-1, number)[use], own[frame].reshape(-1)[use]
-        v = variance[frame].reshape(-1)[use]
-        if weighted:
-            root = 1.0 / np.sqrt(v)
-            solved = _solver(a * root[:, None])
-            if solved is not None:
-                inverse, noise = solved
-                coefficient[frame], covariance[frame] = inverse @ (s * root), noise
-                good[frame] = True
+        v = variance[group].reshape(len(group), -1)[:, use]
+        shape = (v / v.mean(axis=1, keepdims=True)).mean(axis=0) if weighted else np.ones(v.shape[1])
+        solver = Solver.of(basis.slope.reshape(-1, number)[use], shape)
+        if solver is None:
             continue
-        key = use.tobytes()
-        if key not in known:
-            plain = _solver(a)
-            known[key] = None if plain is None else (*plain, a)
-        held = known[key]
-        if held is not None:
-            inverse = held[0]
-            coefficient[frame], covariance[frame] = inverse @ s, (inverse * v) @ inverse.T
-            good[frame] = True
-    return modal_result(basis, coefficient, covariance, good)
+        for frame, own_variance in zip(group, v, strict=True):
+            coefficient[frame], square = solver.modes(own[frame].reshape(-1)[use], own_variance)
+            sigma[frame], good[frame] = np.sqrt(square), True
+            shared[frame] = solver.covariance
+    return modal_result(basis, coefficient, shared, good, sigma=sigma)
 
 
-def _solver(a: Float) -> tuple[Float, Float] | None:
-    """(pseudo-inverse, (AᵀA)⁻¹) of a tall matrix; None where its columns are not told apart."""
-    u, d, vt = np.linalg.svd(a, full_matrices=False)
-    if not d[-1] * _CONDITION > d[0]:
-        return None
-    return (vt.T / d) @ u.T, (vt.T / d**2) @ vt
+@dataclass(frozen=True, eq=False)
+class Solver:
+    """Least squares of one set of lenslets and weights: c = G s, and with N the variances of the slopes C = G N Gᵀ.
+
+    inverse (mode, slope): G. squares: of its elements, so that diag C = squares · variances. covariance: C for the variances that
+    the weights were taken from, of mean 1.
+    """
+
+    inverse: Float
+    squares: Float
+    covariance: Float
+
+    @staticmethod
+    def of(slope: Float, shape: Float) -> Solver | None:
+        """For gradients `slope` (slope, mode) and variances that are as `shape` (slope); None where modes are not told apart."""
+        root = 1.0 / np.sqrt(shape)
+        u, d, vt = np.linalg.svd(slope * root[:, None], full_matrices=False)
+        if not d[-1] * _CONDITION > d[0]:
+            return None
+        inverse = np.ascontiguousarray(((vt.T / d) @ u.T) * root)
+        return Solver(inverse, inverse**2, (inverse * shape) @ inverse.T)
+
+    def modes(self, slope: Float, variance: Float) -> tuple[Float, Float]:
+        """(coefficients, their variances) of one frame: two products of a matrix with a vector."""
+        return self.inverse @ slope, self.squares @ variance

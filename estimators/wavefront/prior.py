@@ -23,7 +23,6 @@ import xarray as xr
 from scipy.linalg import cho_factor, cho_solve
 from scipy.signal import fftconvolve
 
-from ...optics.turbulence.detection import strength_from_slopes
 from ...optics.turbulence.slopes import gradient_covariance
 from ...optics.turbulence.strength import kolmogorov_structure
 from ...optics.zernike import zernike
@@ -33,14 +32,13 @@ from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
 from .modal import check_square, last_mode, pupil_grid, read_slopes
+from .strengths import shared_lenslets, slope_covariance, strength_of
 
 __all__ = ["zernike_map"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
-#: Most lenslets whose slopes tell the strength: the eigenvalues of twice as many take some tenths of a second.
-_MOST = 150
 #: Weakest turbulence that is taken as the prior, r0 in diameters of the pupil.
 _WEAKEST = 1e3
 #: Nodes along a lenslet's edge; blocks of a side of the pupil for which the phase's standard error is computed.
@@ -161,29 +159,15 @@ def _surface(prior: _Prior, weight: Float) -> Float:
     return np.asarray(total - total[prior.mask].mean())
 
 
-def _strength(rig: DeclaredRig, geometry: Geometry, own: Float, variance: Float, valid: Bool) -> float:
-    """r0 [m] by maximum likelihood from the frames' slopes, of lenslets valid in all of them; infinite where none shows.
+def _fried_m(rig: DeclaredRig, own: Float, variance: Float, valid: Bool) -> float:
+    """r0 [m] from the frames' slopes, of lenslets valid in all of them; infinite where none shows.
 
     Where fewer than half of the lenslets are valid throughout it follows from the mean square of all slopes.
     """
-    there = np.flatnonzero(valid.all(axis=0))
-    if 2 * there.size < valid.shape[1]:
-        square = float(np.mean(own[valid] ** 2 - variance[valid])) / float(_some(rig, (0,))[0, 0])
-        return square ** (-3.0 / 5.0) if square > 0.0 else np.inf
-    chosen = tuple(int(i) for i in there[:: max(there.size // _MOST, 1)][:_MOST])
-    noise = variance[:, list(chosen)].mean(axis=0).ravel()
-    found = strength_from_slopes(own[:, list(chosen)].reshape(len(own), -1), _some(rig, chosen), noise)
-    return found.r0_m
-
-
-@lru_cache(maxsize=4)
-def _some(rig: DeclaredRig, chosen: tuple[int, ...]) -> Float:
-    """Covariance [rad²] of the slopes of some lenslets for r0 = 1 m."""
-    geometry = declared_geometry(rig)
-    centre = geometry.centre_m[list(chosen)]
-    return (
-        gradient_covariance(lambda r: kolmogorov_structure(r, 1.0), centre, geometry.pitch_m) / geometry.wavenumber**2
-    )
+    if shared_lenslets(valid) is not None:
+        return strength_of(rig, own, variance, valid)[0].r0_m
+    square = float(np.mean(own[valid] ** 2 - variance[valid])) / float(slope_covariance(rig, (0,))[0, 0])
+    return square ** (-3.0 / 5.0) if square > 0.0 else np.inf
 
 
 @estimator(
@@ -215,7 +199,7 @@ def zernike_map(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0, r0_m: f
     phase, spread = np.full((frames, side, side), np.nan), np.full((frames, side, side), np.nan)
     held = [frame for frame in range(frames) if int(valid[frame].sum()) >= 2]
     if held:
-        r0 = r0_m or _strength(rig, geometry, own[held], variance[held], valid[held])
+        r0 = r0_m or _fried_m(rig, own[held], variance[held], valid[held])
         q = min(r0, _WEAKEST * geometry.diameter_m) ** (-5.0 / 3.0)
         for frame in held:
             prior = _prior(rig, last, valid[frame].tobytes())

@@ -21,9 +21,11 @@ from ..model import Expected
 from ..request import Request
 from .cells import cells_for
 from .field import Pupils
+from .imager import blurred_chart, chart, seen_chart
 from .light import coordinates, echoes, pedestal, reflectors
 from .propagated import Waves
 from .scintillation import rytov_of
+from .sources import turbulence_truth
 from .speckle import Speckle
 from .spots import spot_image
 from .truth import Projector, irradiances, slopes
@@ -40,7 +42,8 @@ _AT_ONCE, _REFERENCE_KEY = 16, 1 << 40
 class Sensed:
     """What the effects are judged by. flux (frame, lenslet), pedestal (frame): photoelectrons; spread_rad: rms of the phase within
     lenslets about their mean slope, the greatest over frames; reference: expected photoelectrons (rows, cols) of an exposure;
-    cells (number of a lenslet's side, predicted error); rytov: predicted variance of log irradiance."""
+    cells (number of a lenslet's side, predicted error); rytov: predicted variance of log irradiance; images (frame, side, side):
+    expected photoelectrons of the camera beside the lenslets, if there is one."""
 
     flux: Float
     pedestal: Float
@@ -48,6 +51,7 @@ class Sensed:
     reference: NDArray[np.float32]
     cells: tuple[int, float]
     rytov: float
+    images: Float | None = None
 
 
 def expect(scene: Scene, request: Request) -> Expected[Sensed]:
@@ -67,6 +71,7 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
     farthest = max(ranges, default=0.0)
     rytov = rytov_of(rig, farthest, scene.medium)
     cells = _cells(rig, farthest, request)
+    images: list[Float] = []
     wavelength_m = rig.wavelength_m / phase_index(scene.medium, rig.wavelength_m)
     waves = Waves(rig, pupils, wavelength_m)
     speckle = Speckle(rig, pupils.size, pupils.step_m, wavelength_m, request.seed, request.capture_key)
@@ -86,6 +91,8 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
             light = light + per_lenslet[frame, number] * irradiances(field, lattice)
             if number == main:
                 truth.add(field, phase, even=waves.even(at))
+                if rig.imager is not None:
+                    images.append(blurred_chart(rig.imager, field[1:-1, 1:-1], lattice.mask))
         truth.lit(light)
         electrons[frame] = image
     flat = np.ones((len(lattice.grid_m) + 2,) * 2, complex)
@@ -93,11 +100,16 @@ def expect(scene: Scene, request: Request) -> Expected[Sensed]:
     best = int(np.argmax(per_lenslet.sum(axis=1)))
     reference = spot_image(rig, lit, flat, float(per_lenslet[best].sum()), request.rung, cells=cells[0]) + level[best]
     held = truth.arrays() | {"truth_background": level + _dark(rig)}
+    if ranges:
+        held |= turbulence_truth(rig, pupils, delay, np.array(ranges)[np.argmax(per_lenslet, axis=1)])
+    if rig.imager is not None:
+        held["truth_image"] = chart(rig.imager.side)
     if request.truth_electrons:
         held["truth_electrons"] = electrons + np.float32(_dark(rig))
     dark = not per_lenslet.any()
     warnings = (no_light(scene, "frame", "the gate"),) if dark else ()
-    sensed = Sensed(held["truth_flux"], level, truth.spread, reference.astype(np.float32), cells, rytov)
+    stacked = np.stack(images) if images else None
+    sensed = Sensed(held["truth_flux"], level, truth.spread, reference.astype(np.float32), cells, rytov, stacked)
     return Expected(electrons, coords, held, 0, sensed, warnings)
 
 
@@ -199,4 +211,12 @@ def read(scene: Scene, expected: Expected[Sensed], request: Request) -> dict[str
         some = np.repeat(expected.light.reference[None], min(_AT_ONCE, number - first), axis=0)
         key = request.capture_key ^ (_REFERENCE_KEY + first)
         total += detect(some, rig.detector, pattern, request.seed, key).sum(axis=0, dtype=np.float64)
-    return {"counts": counts, "reference": (total / number).astype(np.float32)}
+    drawn: dict[str, NDArray[Any]] = {"counts": counts, "reference": (total / number).astype(np.float32)}
+    if rig.imager is not None and expected.light.images is not None:
+        drawn["image"] = np.stack(
+            [
+                seen_chart(rig.imager, mean, frame, request.seed, request.capture_key)
+                for frame, mean in enumerate(expected.light.images)
+            ]
+        )
+    return drawn

@@ -40,8 +40,7 @@ class Reflector:
 def coordinates(scene: Scene) -> dict[str, Any]:
     """Coordinates of the frames: `delay` [s] without the declared zero, `time` [s], `valid`."""
     series = wavefront_rig(scene).frames
-    number = np.arange(series.count)
-    return {"delay": series.start_s + series.step_s * number, "time": series.interval_s * number, "valid": True}
+    return {"delay": series.delays_s(), "time": series.interval_s * np.arange(series.count), "valid": True}
 
 
 def _photoelectrons_per_j(rig: WavefrontRig) -> float:

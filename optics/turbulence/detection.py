@@ -21,18 +21,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq, minimize_scalar, nnls
-from scipy.special import chdtri
+from scipy.special import chdtri, expit, logsumexp
 
 __all__ = [
     "Strength",
     "increment_strength",
     "layer_strengths",
     "range_weights",
+    "strength_and_probability",
     "strength_from_slopes",
     "without_common_tilt",
 ]
 
 Float = NDArray[np.float64]
+
+#: Nodes of the mean over ln r₀: likelihoods of many slopes are a few per cent of r₀ wide.
+_NODES = 2001
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,31 @@ def strength_from_slopes(slopes: ArrayLike, unit: ArrayLike, noise: ArrayLike, *
 
     Raises ValueError for shapes that do not fit, values that are not finite, or N that is not positive definite.
     """
+    value, energy, frames = _decomposed(slopes, unit, noise)
+    return _maximum(value, energy, frames, level)
+
+
+def strength_and_probability(
+    slopes: ArrayLike, unit: ArrayLike, noise: ArrayLike, r0_limits_m: tuple[float, float], *, level: float = 0.95
+) -> tuple[Strength, float]:
+    """(`strength_from_slopes`, P(turbulence | slopes)).
+
+    P is that of turbulence which is there in half of the cases, ln r₀ then even between two limits [m]: P = Λ/(1 + Λ), Λ =
+    ⟨L(q)⟩/L(0), the mean over ln r₀. Raises ValueError as `strength_from_slopes`, and for limits that do not ascend from above 0.
+    """
+    low, high = r0_limits_m
+    if not 0.0 < low < high < np.inf:
+        raise ValueError(f"r0_limits_m must be positive and ascend, not {r0_limits_m!r}.")
+    value, energy, frames = _decomposed(slopes, unit, noise)
+    q = np.exp(-5.0 / 3.0 * np.linspace(np.log(low), np.log(high), _NODES))[:, None]
+    log_ratio = -0.5 * (frames * np.log1p(q * value) + energy / (1.0 + q * value) - energy).sum(axis=1)
+    weight = np.full(_NODES, 1.0 / (_NODES - 1))
+    weight[[0, -1]] *= 0.5
+    return _maximum(value, energy, frames, level), float(expit(logsumexp(log_ratio, b=weight)))
+
+
+def _decomposed(slopes: ArrayLike, unit: ArrayLike, noise: ArrayLike) -> tuple[Float, Float, int]:
+    """(e, T, frames) of the module's head."""
     s, c = np.atleast_2d(np.asarray(slopes, np.float64)), np.asarray(unit, np.float64)
     if c.shape != (s.shape[1],) * 2 or not np.isfinite(s).all():
         raise ValueError(f"slopes (frames, values) must be finite and fit unit (values, values): {s.shape}, {c.shape}.")
@@ -87,7 +116,7 @@ def strength_from_slopes(slopes: ArrayLike, unit: ArrayLike, noise: ArrayLike, *
     value, vector = np.linalg.eigh(np.linalg.solve(lower, half.T))
     value = np.maximum(value, 0.0)
     energy = ((np.linalg.solve(lower, s.T).T @ vector) ** 2).sum(axis=0)
-    return _maximum(value, energy, len(s), level)
+    return value, energy, len(s)
 
 
 def increment_strength(

@@ -84,7 +84,8 @@ class RigKind(Generic[RigT]):
         sizes: rig -> samples per element, rows and columns of elements of a capture.
         places: rig -> where the camera ("camera") and each lamp that stands apart from it ("laser") are, m.
         view: rig -> what it looks at and lights, for pictures.
-        resize: side -> overrides {path: value} that leave side² elements, for quick searches.
+        resize: side -> overrides {path: value} that leave side² elements, or about as many places where an element holds several,
+            for quick searches.
         roles: role (a name of `roles.ROLES`) -> path of the scene, or a record.
     Other arguments:
         needs_target: whether a scene with this rig must hold an object.

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ...optics.correlation.waveforms import gate_area, sample_gate
 from ...optics.lenslets.hexagons import hexagon_density
 from ..base import Vec3
 from ..errors import InputError
 from ..medium_index import medium_data
+from ..sampling import optics_gate
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
 from .parts import Camera, Illumination
@@ -26,6 +28,8 @@ __all__ = ["KIND", "WavefrontRig", "wavefront_rig"]
 _PER_PX, _REACH = 16, 3.5
 #: Narrowest spot of a hexagon, λf/d in pixels: the table of a narrower one would have millions of nodes.
 _NARROWEST_PX = 0.2
+#: Samples of the gate from which its centroid follows.
+_PER_GATE = 1024
 
 
 def wavefront_rig(scene: RigScene) -> WavefrontRig:
@@ -65,9 +69,19 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         "detector": rig.detector.model_dump(mode="json", exclude={"fixed_pattern_seed"}),
         "reference": {"exposures": rig.frames.reference_exposures},
         "reflection": rig.reflection,
+        "gate": {"centre_s": _gate_centre_s(rig)},
         "medium": medium_data(medium, rig.wavelength_m),
         "t0_s": rig.t0_s,
+        **({} if rig.imager is None else {"imager": rig.imager.model_dump(mode="json")}),
     }
+
+
+def _gate_centre_s(rig: WavefrontRig) -> float:
+    """Centroid of the gate's transmission after its opening half-height edge [s]."""
+    gate = optics_gate(rig.gate)
+    start, value = sample_gate(gate, gate_area(gate) / _PER_GATE)
+    at = start + gate_area(gate) / _PER_GATE * np.arange(value.size)
+    return float(f"{float((at * value).sum() / value.sum()):.9g}")
 
 
 def _rounded(values: Any) -> list[float]:
@@ -196,7 +210,8 @@ def _view(rig: WavefrontRig) -> RigView:
 
 
 def _resize(side: int) -> dict[str, Any]:
-    return {"rig.frames.count": side * side}
+    # A frame holds as many spots as the array has lenslets, some hundreds: a few frames are as many elements as side × side pixels.
+    return {"rig.frames.count": max(side // 6, 1)}
 
 
 KIND = RigKind(

@@ -13,7 +13,7 @@ from ..quantities import Energy, LensLength, MomentTime, OptionalLength, Optiona
 from ..waveforms import Pulse
 
 __all__ = [
-    "LENSLET_PRESETS", "ArrayCamera", "Bench", "BeamLaser", "Lenslets", "Pupil", "Series",
+    "LENSLET_PRESETS", "ArrayCamera", "Bench", "BeamLaser", "Imager", "Lenslets", "Pupil", "Series",
 ]  # fmt: skip
 
 #: Lenslet arrays of published instruments. "guo-2018": Guo et al. 2017 (section 6.3), published in 2018.
@@ -146,6 +146,7 @@ class ArrayCamera(Spec):
 class Series(Spec):
     """`count` frames, one every `interval_s` from time 0; the gate of frame k opens at start_s + step_s·k.
 
+    `gates`: number of gates that take turns, so that it opens at start_s + step_s·(k mod gates); absent: as many as frames.
     `pulses`: laser pulses of a frame. `reference_exposures`: exposures of the reference, the mean of spot fields of a flat
     wavefront.
     """
@@ -156,3 +157,28 @@ class Series(Spec):
     interval_s: Annotated[float, Field(ge=1e-9, le=1e6)]
     pulses: Annotated[int, Field(ge=1, le=10**9)]
     reference_exposures: Annotated[int, Field(ge=1, le=10**4)]
+    gates: Annotated[int, Field(ge=1, le=65536)] | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_gates(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        if data.get("gates") is None:
+            data.pop("gates", None)
+        return data
+
+    def delays_s(self) -> NDArray[np.float64]:
+        """When the gate of each frame opens [s], without the declared zero of time."""
+        number = np.arange(self.count)
+        return np.asarray(self.start_s + self.step_s * (number % self.gates if self.gates else number))
+
+
+class Imager(Spec):
+    """A camera of `side` × `side` pixels that sees a chart through the same pupil and phase as the lenslets.
+
+    The chart lies on a black ground and is so far from the turbulence that all of it is blurred alike; a pixel covers λ/2D, D the
+    side of the pupil's grid. A white pixel gives `photoelectrons`; the rms read noise is `read_noise_e`.
+    """
+
+    side: Annotated[int, Field(ge=16, le=512)]
+    photoelectrons: Annotated[float, Field(ge=1, le=1e9)]
+    read_noise_e: Annotated[float, Field(ge=0, le=1e6)]

@@ -11,13 +11,13 @@ from ..waveforms import Gate
 from .kind import RigSpec
 from .parts import Detector
 from .wavefront_effects import WavefrontEffects
-from .wavefront_parts import ArrayCamera, BeamLaser, Bench, Lenslets, Pupil, Series
+from .wavefront_parts import ArrayCamera, BeamLaser, Bench, Imager, Lenslets, Pupil, Series
 from .wavefront_turbulence import Aberration, Turbulence
 
 __all__ = ["WavefrontRig"]
 
 #: Absent options are left out of the data.
-_OPTIONAL = ("aberration", "propagation", "effects")
+_OPTIONAL = ("aberration", "imager", "propagation", "effects")
 
 
 class WavefrontRig(RigSpec):
@@ -28,7 +28,8 @@ class WavefrontRig(RigSpec):
     is that of the way back. Its speckle is one of the `effects`; without it, it is taken as averaged away.
     `turbulence` lies in the water and is not declared. `propagation`: "phase-screens" adds the phases of all layers in the pupil,
     and lenslets are lit evenly; "split-step" propagates the field between layers, and light scintillates. Files of before this
-    choice do not have it and mean phase screens. `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
+    choice do not have it and mean phase screens. `imager`: a camera beside the array, if there is one.
+    `ambient_e_per_s`: photoelectrons per pixel and second of open gate.
     """
 
     kind: Literal["wavefront"] = "wavefront"
@@ -43,6 +44,7 @@ class WavefrontRig(RigSpec):
     reflection: Literal["mirror", "diffuse"]
     turbulence: Turbulence
     aberration: Aberration | None = None
+    imager: Imager | None = None
     propagation: Literal["phase-screens", "split-step"] | None = None
     effects: WavefrontEffects | None = None
     ambient_e_per_s: Rate
