@@ -34,7 +34,7 @@ class Entry:
     folder: Path
     modality: str
     sizes: dict[str, int]
-    sums: dict[str, int]
+    sums: dict[str, str]
     bytes: int
 
 
