@@ -28,7 +28,7 @@ from .runner.spool import Entry, Spool
 from .scores.error_tiles import TileKey, tile_sums, write_tiles
 from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
-from .scores.truth import Bound, Truth, aligned, errors_of
+from .scores.truth import Bound, Truth, aligned, errors_of, refusal_error, single_valued
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
 from .suites.suite import Cell, Loaded, cells_of, load_suite
@@ -212,9 +212,10 @@ class _Run:
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate a capture, or read it when resuming; store it, and write it for the child processes."""
         from .judges.bound import bounds_of, truths_of
+        from .judges.drawn import with_draws
 
         capture = self._capture(cell)
-        bounds = self._timed("bound", lambda: bounds_of(capture))
+        bounds = with_draws(self._timed("bound", lambda: bounds_of(capture)), capture, self.suite.draws)
         return spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
 
     def _store(self, cell: Cell) -> Path:
@@ -265,6 +266,7 @@ class _Run:
                 self.suite.limits,
                 spool.open / f"estimator-{number}",
                 hidden=(self.folder, spool.closed),
+                fresh_child=self.suite.new_child == "capture",
             )
             for number, (chosen, condition) in enumerate(asked)
         ]
@@ -379,7 +381,7 @@ def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, B
     if outcome.status == "ok" and outcome.arrays:
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
         answer = value, valid
-    sums, counts = tile_sums(answer, truth, bound)
+    sums, counts = tile_sums(answer, truth, refusal_error(truth, single_valued(truth), bound))
     return [sums.tolist(), counts.tolist()]
 
 

@@ -31,7 +31,7 @@ from .house import HOUSE
 from .job import Job, Outcome
 from .process import Child
 from .protocol import read_results
-from .sealed import Alter, block, drawn, fresh
+from .sealed import Alter, block, drawn, fresh, stale
 
 __all__ = ["REFUSED", "STALE", "attempt"]
 
@@ -113,7 +113,7 @@ class _Calls:
         alter = fresh(layout_of(self.job.modality).data)
         while self._again() and outcome.status == "ok":
             arrays, wrong = self._call(self.answer.with_name(self.answer.name + "-again"), alter)
-            if not wrong and _stale(outcome.arrays, arrays):
+            if not wrong and stale(outcome.arrays, arrays):
                 outcome.status, outcome.arrays = f"invalid: {STALE}", {}
         middle = (len(self.wall) - 1) // 2
         outcome.cpu_s, outcome.wall_s = sorted(self.cpu)[middle], sorted(self.wall)[middle]
@@ -155,24 +155,6 @@ class _Calls:
         wall.append(float(event["at"]))
         cpu.append(self.child.cpu_s())
         return event
-
-
-def _stale(first: dict[str, npt.NDArray[Any]], other: dict[str, npt.NDArray[Any]]) -> bool:
-    """Whether the numbers of two answers to different data are the same, though they tell elements apart.
-
-    More than half of the finite numbers are equal bit by bit, of arrays in which more than nine of ten numbers are different. An
-    estimator that rounds (to a slice, a pixel) has few different numbers, and is not judged.
-    """
-    for name, array in first.items():
-        if array.dtype.kind != "f" or other[name].shape != array.shape:
-            continue
-        finite = np.isfinite(array)
-        numbers = array[finite]
-        if numbers.size < 8 or np.unique(numbers).size < 0.9 * numbers.size:
-            continue
-        if np.count_nonzero(numbers == other[name][finite]) > 0.5 * numbers.size:
-            return True
-    return False
 
 
 def _wait(child: Child, job: Job, limits: Limits, wanted: str) -> dict[str, Any]:
