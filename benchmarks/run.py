@@ -19,7 +19,7 @@ from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
 from .report.picture_files import Place, write_picture
-from .runner.costs import cost_row, write_costs
+from .runner.costs import cost_row, slow_starts, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.jail import isolation
 from .runner.result_cache import ResultCache
@@ -124,7 +124,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
     write_tables(folder, rows)
-    run.warnings += _doubts(folder)
+    run.warnings += _doubts(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
     run.stages["tables"] = time.perf_counter() - tick

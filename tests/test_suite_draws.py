@@ -87,7 +87,7 @@ def test_the_spread_of_a_draw_reaches_the_quantities_of_its_unit_only() -> None:
 def test_guessing_costs_at_least_a_refusal() -> None:
     """Mean squares over 400 seeds of walls of 5 cm relief, 2 m ± .3 m: every constant costs what refusing costs, or more.
 
-    The variance of the mean of 400 draws of (mean − guess)² is at most (4·.3⁴/45)/400: three standard errors are 1 % of .03 + .0025.
+    The variance of the mean of 400 draws of (mean − guess)² is at most (4·.3⁴/45)/400: three standard errors are 1 % of .0325.
     """
     rng, shape = np.random.default_rng(2), (16, 16)
     bound = Bound(np.full(shape, 0.01), "exact", 0.1, 4.0, drawn=0.6 / math.sqrt(12.0))

@@ -21,7 +21,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from ...captures.layouts import layout_of, stage_of, stages
@@ -129,7 +128,7 @@ class _Calls:
 
     def _call(self, answer: Path, alter: Alter | None) -> tuple[dict[str, npt.NDArray[Any]], str]:
         """One measured call: the arrays of its answer and what is wrong with them."""
-        child, job, limits = self.child, self.job, self.limits
+        child, job = self.child, self.job
         with _handed(child, job, alter) as handle:
             beside = _BESIDE_S + _BESIDE_PER_BYTE_S * os.fstat(handle).st_size
             cpu, wall = [child.cpu_s()], [time.perf_counter()]

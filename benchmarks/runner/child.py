@@ -33,6 +33,7 @@ from .namespaces import supervised
 
 __all__ = ["main"]
 
+
 def _die_with_parent() -> None:
     """Make Linux end this process when the runner ends, for any reason."""
     if sys.platform == "linux":

@@ -50,7 +50,11 @@ def works() -> bool:
         return False
     try:
         tried = subprocess.run(
-            [sys.executable, "-I", "-S", __file__], stdin=subprocess.DEVNULL, capture_output=True, timeout=20.0, check=False
+            [sys.executable, "-I", "-S", __file__],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=20.0,
+            check=False,
         )
     except (OSError, subprocess.SubprocessError):
         return False

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterable
 from functools import lru_cache
@@ -64,8 +67,32 @@ def jail_rules(label: str, folder: Path, hidden: Iterable[Path]) -> dict[str, An
     return {
         "own": own,
         "read": [*_readable(tuple(hidden), tuple(sys.path)), *(["/proc"] if own else []), *values],
-        "write": [str(folder.parent), str(cache_folder()), *(["/dev/shm"] if own else [])],
+        "write": [str(folder.parent), str(own_cache(label) or cache_folder()), *(["/dev/shm"] if own else [])],
     }
+
+
+def own_cache(label: str) -> Path | None:
+    """The folder of compiled code that a plug-in may write; None for built-ins, which share the one of the house.
+
+    What a plug-in plants there, no other estimator loads. It starts as a copy of the shared folder, so that built-in kernels are
+    not compiled again. Raises OSError where it cannot be written.
+    """
+    from ...estimators import BUILTIN
+    from ...estimators.labels import links_of, parse_label
+
+    foreign = [link for link in links_of(parse_label(label)[0]) if link not in BUILTIN]
+    if not foreign:
+        return None
+    shared = cache_folder()
+    own = shared.parent / "beambench-plug-ins" / hashlib.sha256("+".join(foreign).encode()).hexdigest()[:16]
+    place = own / "beambench" / "numba" / shared.name
+    if not place.is_dir():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(dir=place.parent))
+        shutil.copytree(shared, partial, dirs_exist_ok=True)
+        with contextlib.suppress(OSError):  # another run was faster
+            partial.rename(place)
+    return own
 
 
 @lru_cache(maxsize=4)
@@ -92,6 +119,9 @@ class Child:
             str(events_write),
         ]
         (folder / "tmp").mkdir(parents=True, exist_ok=True)
+        environment = child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token}
+        if cache := own_cache(label):
+            environment["XDG_CACHE_HOME"] = str(cache)
         try:
             self.process = subprocess.Popen(
                 command,
@@ -101,7 +131,7 @@ class Child:
                 pass_fds=(theirs.fileno(), events_write),
                 start_new_session=True,
                 cwd=folder,
-                env=child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token},
+                env=environment,
             )
         except BaseException:
             self.jobs.close()

@@ -1,7 +1,8 @@
 """The protocol between runner and child: arrays as .npy files (never pickled), everything else as lines of JSON.
 
 Folder of one capture: `<variable>.npy` for every variable and coordinate, `meta-<condition>.json` with the dimensions
-and attributes of each. The child gets them as a sealed block (`sealed`), never the folder. Its result is one .npy file per variable and one line of JSON.
+and attributes of each. The child gets them as a sealed block (`sealed`), never the folder. Its result is one .npy file
+per variable and one line of JSON.
 """
 
 from __future__ import annotations

@@ -94,10 +94,10 @@ def unpack(handle: int) -> xr.Dataset:
 
 
 def fresh(data: str, seed: int | None = None) -> Alter:
-    """Other noise of the same light: every sample of the variable `data` changes by −1, 0 or 1 DN; without a seed, nobody knows how.
+    """Other noise of the same light: every sample of the variable `data` changes by −1, 0 or 1 DN.
 
-    Numbers that are no integers change by 1/1000 of themselves. Zeros, and the largest number of an integer type, stay as they
-    are: they mean dead and saturated samples.
+    Without a seed, nobody knows how. Numbers that are no integers change by 1/1000 of themselves. Zeros, and the largest count of
+    the capture, stay as they are: they mean dead and saturated samples.
     """
     rng = np.random.default_rng(secrets.randbits(64) if seed is None else seed)
     pattern = rng.integers(-1, 2, _PATTERN, dtype=np.int8)

@@ -149,7 +149,13 @@ def _kind(bound: Bound, sigma: Float) -> str:
 
 
 def _figures(
-    error: Float, sigma: Float, valid: Bool, bound: Float, block: npt.NDArray[np.intp], limit: Float, prior: float,
+    error: Float,
+    sigma: Float,
+    valid: Bool,
+    bound: Float,
+    block: npt.NDArray[np.intp],
+    limit: Float,
+    prior: float,
     refusal: float,
 ) -> dict[str, Any]:
     nan = math.nan

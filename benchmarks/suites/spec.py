@@ -10,7 +10,18 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from ...scenes.base import Positive, Spec
 from ...scenes.errors import InputError
 
-__all__ = ["Calibration", "Condition", "Draw", "Limits", "SceneEntry", "Seeds", "Split", "Stress", "Suite", "check_split"]
+__all__ = [
+    "Calibration",
+    "Condition",
+    "Draw",
+    "Limits",
+    "SceneEntry",
+    "Seeds",
+    "Split",
+    "Stress",
+    "Suite",
+    "check_split",
+]
 
 Condition = Literal["matched", "calibrated"]
 Split = Literal["dev", "test"]
