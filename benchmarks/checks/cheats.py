@@ -5,7 +5,8 @@
 BEAMBENCH_ISOLATION=none shows the same cheats without the jail. Columns: cheat; what it does; `stopped_by`, the measure that kept
 it from its gain; `flagged_by`, what marks its row; `got_through`, "yes" where it gained and nothing marks it. A cheat that reaches
 for something has gained if it got it; one of time, if its median call took less than half of the work it owes; one of scores, if
-its mean square error is below .8 of the honest estimator's; one that leaves something, if that is there after the run.
+its mean square error is below .8 of the honest estimator's (a guess: of refusing everything); one that leaves something, if that
+is there after the run.
 
 The suite: three captures of a wall, each at a distance drawn for it, under the conditions matched and calibrated.
 """
@@ -128,8 +129,8 @@ def _registered(cheats: Iterable[Cheat]) -> Iterator[None]:
             sys.path.remove(folder)
 
 
-def verdicts(cheats: Sequence[Cheat] = CHEATS) -> list[Verdict]:
-    """Run the cheats, one child for each and for each condition, and say what became of them."""
+def verdicts(cheats: Sequence[Cheat] = CHEATS) -> Iterator[Verdict]:
+    """Run the cheats, one child for each and for each condition, and say what became of each."""
     scene, made = captures(_SEEDS)
     with ExitStack() as held:
         held.enter_context(_registered([*cheats, _HONEST]))
@@ -139,11 +140,8 @@ def verdicts(cheats: Sequence[Cheat] = CHEATS) -> list[Verdict]:
         held.callback(os.environ.pop, FACTS, None)
         entries = [_spooled(spool, index, scene, capture) for index, capture in enumerate(made)]
         honest = _outcomes(_HONEST, entries, spool)
-        found = []
         for cheat in cheats:
-            outcomes = _outcomes(cheat, entries, spool)
-            found.append(_verdict(cheat, outcomes, honest, entries, spool, around))
-        return found
+            yield _verdict(cheat, _outcomes(cheat, entries, spool), honest, entries, spool, around)
 
 
 _HONEST = Cheat("planted_conduct:honest", "score", "")
@@ -230,12 +228,12 @@ def _scores(outcomes: list[Outcome], honest: list[Outcome], entries: list[Entry]
         square.append(total / len(found))
     guess = sum(_refusal(entry, spool) ** 2 for entry in entries) / len(entries)
     # A guess gains where it costs less than to refuse everything.
-    least = guess if outcomes[0].word and _constant(outcomes) else 0.8 * square[1]
-    return next(filter(None, flags), ""), square[0] < least
+    compared = guess if _constant(outcomes) else square[1]
+    return next(filter(None, flags), ""), square[0] < 0.8 * compared
 
 
 def _constant(outcomes: list[Outcome]) -> bool:
-    return all(np.ptp(o.arrays["range"]) == 0.0 for o in outcomes if o.arrays)
+    return all(float(np.ptp(o.arrays["range"])) == 0.0 for o in outcomes if o.arrays)
 
 
 def _refusal(entry: Entry, spool: Spool) -> float:
@@ -253,11 +251,14 @@ def main(arguments: list[str]) -> int:
     """Print the table, and write it if a file is named."""
     only = arguments[arguments.index("--only") + 1 :] if "--only" in arguments else []
     files = arguments[: arguments.index("--only")] if only else arguments
-    found = verdicts([cheat for cheat in CHEATS if not only or cheat.place.partition(":")[2] in only])
-    rows = [[v.cheat, v.what, v.stopped_by, v.flagged_by, "yes" if v.got_through else ""] for v in found]
-    print(isolation())
-    for row in (_COLUMNS, *rows):
-        print(" | ".join(row))
+    rows: list[list[str]] = []
+    found: list[Verdict] = []
+    print(isolation(), " | ".join(_COLUMNS), sep="\n", flush=True)
+    for verdict in verdicts([cheat for cheat in CHEATS if not only or cheat.place.partition(":")[2] in only]):
+        through = "yes" if verdict.got_through else ""
+        rows.append([verdict.cheat, verdict.what, verdict.stopped_by, verdict.flagged_by, through])
+        found.append(verdict)
+        print(" | ".join(rows[-1]), flush=True)
     print(
         f"{len(found)} cheats: {sum(bool(v.stopped_by) for v in found)} stopped, "
         f"{sum(bool(v.flagged_by) for v in found)} flagged, {sum(v.got_through for v in found)} got through"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...estimators.gated.weighted_average import weighted_average
 from ...optics.constants import C_M_PER_S
 from .planted import LEFT, REACHED, WORK_S, answer, facts, planted, work
 
@@ -117,10 +118,11 @@ def false_events(capture: xr.Dataset) -> xr.Dataset:
 @planted
 def thread_between_calls(capture: xr.Dataset) -> xr.Dataset:
     """Work in a thread as soon as the runner hands over a capture, before the call."""
-    if "thread" not in kept:
-        kept["thread"] = threading.Thread(target=_eager, daemon=True)
-        kept["thread"].start()
-        work()
+    if "done" not in kept:
+        kept["done"] = threading.Event()
+        threading.Thread(target=_eager, daemon=True).start()
+    kept["done"].wait()
+    kept["done"].clear()
     return answer(capture)
 
 
@@ -136,6 +138,7 @@ def _eager() -> None:
         now = hash(tuple(held))
         if held and now != seen:
             work()
+            kept["done"].set()
         seen = now
         time.sleep(0.002)
 
@@ -146,7 +149,12 @@ def _eager() -> None:
 @planted
 def honest(capture: xr.Dataset) -> xr.Dataset:
     """What scores are compared with. No cheat."""
-    return answer(capture)
+    return answer(capture, _ranges(capture))
+
+
+def _ranges(capture: xr.Dataset) -> Any:
+    """Ranges of a built-in estimator."""
+    return weighted_average(capture)["range"].values
 
 
 @planted
@@ -173,7 +181,7 @@ def _brought(capture: xr.Dataset, name: str) -> Any:
 def smooths(capture: xr.Dataset) -> xr.Dataset:
     """Take the mean of all pixels of a row: honest, and no longer an image."""
     found = answer(capture)
-    mean = np.broadcast_to(found["range"].values.mean(axis=1, keepdims=True), found["range"].shape)
+    mean = np.broadcast_to(_ranges(capture).mean(axis=1, keepdims=True), found["range"].shape)
     return found.assign(range=(("row", "col"), mean.copy()))
 
 
@@ -181,7 +189,7 @@ def smooths(capture: xr.Dataset) -> xr.Dataset:
 def pools_captures(capture: xr.Dataset) -> xr.Dataset:
     """Mean over all captures of the condition that it has seen, which are of one scene."""
     held = kept.setdefault("pool", [])
-    held.append(answer(capture)["range"].values)
+    held.append(_ranges(capture))
     return answer(capture, np.mean(held, axis=0))
 
 

@@ -2,10 +2,10 @@
 
     supervised(own=True)   # returns in the worker only; the processes that started it wait, and end with its exit status
 
-With namespaces the worker sees no process but its own descendants, has a /dev/shm of its own, System V objects of its own, and no
-network: its first process is the `init` of a namespace of processes, and when that ends, the kernel ends all that is left in
-there, whatever its session or its parent. Without them the supervisor is the reaper of orphans (PR_SET_CHILD_SUBREAPER), so that
-none leaves its tree, and it kills what is left.
+With namespaces the worker sees no process but its own descendants, has a /dev/shm of its own, an empty /run (without the sockets
+of services), System V objects of its own, and no network: its first process is the `init` of a namespace of processes, and when
+that ends, the kernel ends all that is left in there, whatever its session or its parent. Without them the supervisor is the reaper
+of orphans (PR_SET_CHILD_SUBREAPER), so that none leaves its tree, and it kills what is left.
 
 This file imports nothing of the package: `works` runs it as a script, to try whether this machine offers all of it.
 Sources: unshare(2), user_namespaces(7), pid_namespaces(7), prctl(2).
@@ -99,6 +99,8 @@ def _inside(close: tuple[int, ...]) -> None:
     _checked(libc.mount(b"proc", b"/proc", b"proc", _NO_PROGRAMS, None))
     if os.path.isdir("/dev/shm"):
         _checked(libc.mount(b"tmpfs", b"/dev/shm", b"tmpfs", _NO_PROGRAMS, b"size=256m"))
+    if os.path.isdir("/run"):  # the sockets of services: to connect to one is no right of Landlock
+        _checked(libc.mount(b"tmpfs", b"/run", b"tmpfs", _NO_PROGRAMS, b"size=64k"))
     if (worker := os.fork()) == 0:
         _libc().prctl(_DEATH_SIGNAL, int(signal.SIGKILL), 0, 0, 0)
         _drop_capabilities()
