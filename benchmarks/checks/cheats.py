@@ -139,7 +139,8 @@ def verdicts(cheats: Sequence[Cheat] = CHEATS) -> Iterator[Verdict]:
         os.environ[FACTS] = json.dumps(around.facts)
         held.callback(os.environ.pop, FACTS, None)
         entries = [_spooled(spool, index, scene, capture) for index, capture in enumerate(made)]
-        honest = _outcomes(_HONEST, entries, spool)
+        compared = any(cheat.kind == "score" for cheat in cheats)
+        honest = _outcomes(_HONEST, entries, spool) if compared else []
         for cheat in cheats:
             yield _verdict(cheat, _outcomes(cheat, entries, spool), honest, entries, spool, around)
 
