@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from beambench.benchmarks.checks.cheats import CHEATS, verdicts
-from beambench.benchmarks.checks.planted import LEFT
+from beambench.benchmarks.checks.gated_cheats import LEFT
 from beambench.benchmarks.folders.files import write_text
 from beambench.benchmarks.runner.costs import COST_COLUMNS, quickened, read_costs, slow_starts
 from beambench.benchmarks.runner.jail import OFF, abi
@@ -102,3 +102,20 @@ def test_a_table_of_costs_of_before_has_no_first_calls(tmp_path: Path) -> None:
 
 def test_nothing_of_the_campaign_stays(tmp_path: Path) -> None:
     assert not [path for place in ("/tmp", "/dev/shm", "/var/tmp") for path in Path(place).glob(f"{LEFT}*")]
+
+
+def test_a_plug_in_has_a_folder_of_compiled_code_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from beambench.benchmarks.runner import process
+
+    shared = tmp_path / "numba" / "abc"
+    (shared / "inner").mkdir(parents=True)
+    (shared / "inner" / "k.nbi").write_bytes(b"code")
+    monkeypatch.setattr(process, "cache_folder", lambda: shared)
+    assert process.own_cache("peak") is None and process.own_cache("line-ml+triangulate-refractive") is None
+    own = process.own_cache("some-plug-in[value=1]")
+    assert own is not None and own == process.own_cache("some-plug-in") != process.own_cache("another-plug-in")
+    held = own / "beambench" / "numba" / "abc" / "inner" / "k.nbi"
+    assert held.read_bytes() == b"code"
+    held.write_bytes(b"planted")
+    assert (shared / "inner" / "k.nbi").read_bytes() == b"code"
+    assert process.own_cache("some-plug-in") == own and held.read_bytes() == b"planted", "kept from run to run"

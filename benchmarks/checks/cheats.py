@@ -39,13 +39,13 @@ from ..scores.truth import refusal_error, single_valued
 from ..statistics.suspects import suspicion
 from ..suites.spec import Limits
 from ..suites.suite import Cell
-from .planted import FACTS, REACHED, WORK_S
+from .gated_cheats import FACTS, REACHED, WORK_S
 from .planted_scene import Around, captures
 
 __all__ = ["CHEATS", "Cheat", "Verdict", "verdicts"]
 
 _SEEDS = (1, 2, 3)
-_LIMITS = Limits(time_s=60.0, warmup_s=120.0, memory_bytes=2**31)
+_LIMITS = Limits(time_s=120.0, warmup_s=600.0, memory_bytes=2**31)
 _COLUMNS = ("cheat", "what", "stopped_by", "flagged_by", "got_through")
 _NAMESPACE, _LANDLOCK, _SEALED = "own namespaces", "Landlock", "sealed memory"
 _CLOCK, _FRESH, _PROCESS = "the parent's clocks", "other data at every call", "a process for each condition"

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...estimators.gated.weighted_average import weighted_average
+from ...estimators.gated.parabola import parabola
 from ...optics.constants import C_M_PER_S
-from .planted import LEFT, REACHED, WORK_S, answer, facts, planted, work
+from .gated_cheats import LEFT, REACHED, WORK_S, answer, facts, planted, work
 
 kept: dict[Any, Any] = {}
 
@@ -154,7 +154,7 @@ def honest(capture: xr.Dataset) -> xr.Dataset:
 
 def _ranges(capture: xr.Dataset) -> Any:
     """Ranges of a built-in estimator."""
-    return weighted_average(capture)["range"].values
+    return parabola(capture)["range"].values
 
 
 @planted

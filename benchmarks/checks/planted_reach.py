@@ -15,7 +15,7 @@ from typing import Any
 
 import xarray as xr
 
-from .planted import LEFT, facts, reaching, read
+from .gated_cheats import LEFT, facts, reaching, read
 
 # ---------------------------------------------------------------- reaching for the truth, the scene, the rig
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ... import estimators
 from ...optics.constants import C_M_PER_S
 from ...optics.jit import cache_folder
 from ...scenes.load import load_scene
@@ -32,7 +33,7 @@ from ..runner.result_cache import cache_root
 from ..runner.spool import Spool
 from ..scores.truth import Bound
 from ..written.gated import written_capture
-from .planted import LEFT
+from .gated_cheats import LEFT
 
 __all__ = ["Around", "captures"]
 
@@ -108,7 +109,11 @@ class Around:
         paths = [Path(place, LEFT) for place in ("/dev/shm", "/tmp", "/var/tmp")]
         found += [str(path) for path in paths if path.exists()]
         notes = [Path(place, f"{LEFT}-note") for place in ("/tmp", "/dev/shm", "/var/tmp", str(Path.home()))]
-        planted = [cache_root() / f"{LEFT}.npz", cache_folder() / f"{LEFT}.nbc"]
+        planted = [
+            cache_root() / f"{LEFT}.npz",
+            cache_folder() / f"{LEFT}.nbc",
+            Path(estimators.__path__[0], f"{LEFT}.py"),
+        ]
         for path in (*paths, *notes, *planted):
             shutil.rmtree(path, ignore_errors=True)
             with contextlib.suppress(OSError):

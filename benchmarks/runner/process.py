@@ -89,7 +89,10 @@ def own_cache(label: str) -> Path | None:
     if not place.is_dir():
         place.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(dir=place.parent))
-        shutil.copytree(shared, partial, dirs_exist_ok=True)
+        for path in sorted(shared.rglob("*")):
+            with contextlib.suppress(OSError):  # what another process removes meanwhile is compiled anew
+                target = partial / path.relative_to(shared)
+                target.mkdir(exist_ok=True) if path.is_dir() else shutil.copyfile(path, target)
         with contextlib.suppress(OSError):  # another run was faster
             partial.rename(place)
     return own
