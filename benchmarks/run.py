@@ -19,7 +19,7 @@ from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
 from .report.picture_files import Place, picture_index, write_picture
-from .runner.costs import cost_row, write_costs
+from .runner.costs import cost_row, slow_starts, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.jail import isolation
 from .runner.result_cache import ResultCache
@@ -28,7 +28,7 @@ from .runner.spool import Entry, Spool
 from .scores.error_tiles import TileKey, tile_sums, write_tiles
 from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
-from .scores.truth import Bound, Truth, aligned, errors_of
+from .scores.truth import Bound, Truth, aligned, errors_of, refusal_error, single_valued
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
 from .suites.suite import Cell, Loaded, cells_of, check_rungs, load_suite
@@ -125,7 +125,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
     write_tables(folder, rows)
-    run.warnings += _doubts(folder)
+    run.warnings += _doubts(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
     run.stages["tables"] = time.perf_counter() - tick
@@ -213,9 +213,12 @@ class _Run:
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate a capture, or read it when resuming; store it, and write it for the child processes."""
         from .judges.bound import bounds_of, truths_of
+        from .judges.drawn import with_draws
 
         capture = self._capture(cell)
-        bounds = self._timed("bound", lambda: bounds_of(capture))
+        bounds = with_draws(
+            self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
+        )
         return spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
 
     def _store(self, cell: Cell) -> Path:
@@ -266,6 +269,7 @@ class _Run:
                 self.suite.limits,
                 spool.open / f"estimator-{number}",
                 hidden=(self.folder, spool.closed),
+                fresh_child=self.suite.new_child == "capture",
             )
             for number, (chosen, condition) in enumerate(asked)
         ]
@@ -386,7 +390,7 @@ def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, B
     if outcome.status == "ok" and outcome.arrays:
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
         answer = value, valid
-    sums, counts = tile_sums(answer, truth, bound)
+    sums, counts = tile_sums(answer, truth, refusal_error(truth, single_valued(truth), bound))
     return [sums.tolist(), counts.tolist()]
 
 

@@ -1,14 +1,15 @@
 """The protocol between runner and child: arrays as .npy files (never pickled), everything else as lines of JSON.
 
 Folder of one capture: `<variable>.npy` for every variable and coordinate, `meta-<condition>.json` with the dimensions
-and attributes of each. The child maps the arrays read-only. Its result is one .npy file per variable and one line of JSON.
+and attributes of each. The child gets them as a sealed block (`sealed`), never the folder. Its result is one .npy file
+per variable and one line of JSON.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,7 @@ from ...scenes.npz import read_npy
 from ...scenes.plain_text import plain_text
 
 __all__ = [
-    "THREAD_VARIABLES", "file_sums", "files_of", "misshapen", "open_capture", "read_results", "unsound", "write_capture",
-    "write_meta",
+    "THREAD_VARIABLES", "file_sums", "misshapen", "read_results", "unsound", "write_capture", "write_meta",
 ]  # fmt: skip
 
 #: Longest dimension that an estimator may choose.
@@ -76,26 +76,12 @@ def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
     (folder / f"meta-{condition}.json").write_text(json.dumps(meta), encoding="utf-8")
 
 
-def open_capture(folder: Path, condition: str) -> xr.Dataset:
-    """Map a capture's arrays read-only, and build the dataset for an estimator."""
-    meta = json.loads((folder / f"meta-{condition}.json").read_text(encoding="utf-8"))
-    data: dict[str, Any] = {}
-    coords: dict[str, Any] = {}
-    for name, entry in meta["variables"].items():
-        array = np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
-        # A view of a read-only mapping: its flag `writeable` cannot be set, because the base is read-only.
-        (coords if entry["coordinate"] else data)[name] = (entry["dims"], array.view(np.ndarray), entry["attrs"])
-    return xr.Dataset(data, coords=coords, attrs=meta["attrs"])
+def file_sums(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file of a capture, which shows whether an estimator has changed the input of the next one.
 
-
-def files_of(folder: Path, condition: str) -> list[Path]:
-    """The files of a capture that an estimator reads under one condition."""
-    return [*sorted(folder.glob("*.npy")), folder / f"meta-{condition}.json"]
-
-
-def file_sums(folder: Path) -> dict[str, int]:
-    """CRC-32 of every file of a capture, which shows whether an estimator has changed the input of the next one."""
-    return {path.name: zlib.crc32(path.read_bytes()) for path in sorted(folder.iterdir())}
+    A CRC would not: other bytes with the same one are found at once.
+    """
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
 
 
 def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]) -> str:
