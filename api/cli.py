@@ -31,6 +31,7 @@ Tab completion: beambench --install-completion, or: beambench completion bash"""
 _USERS_ERRNO = {
     errno.ENOSPC,
     errno.EDQUOT,
+    errno.EIO,
     errno.EACCES,
     errno.EPERM,
     errno.EROFS,
@@ -127,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines = [f"error: {os.strerror(error.errno or 0)}."]
         if error.filename is not None:
             lines.append(f"  where:   {error.filename}")
-        elif error.errno == errno.ENOSPC:
+        elif error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
             _discard_stdout()  # it may be the standard output that is full: what waits for it would fail again at the exit
         advice = "  next:    check the path and the free space of its disk, or choose another with --out"
         return _print_errors(*lines, advice, *_notes(error))

@@ -2,9 +2,9 @@
 
     python -m beambench.benchmarks.checks.fuzz --count 10000 --seed 1
 
-An attempt holds if the reader returns, or raises InputError (exit code 2), within 20 seconds of CPU time and 4 GiB, and touches
-nothing outside its folder. Attempts run in child processes, a hundred or so each: a crash (139) or a hang ends the child, counts
-as a failure, and the next child goes on after it.
+An attempt holds if the reader returns, or raises InputError (exit code 2), within 20 s of CPU time and 4 GiB, and touches nothing
+outside its folder. Attempts run in child processes, a hundred or so each: a crash (139) or a hang ends the child, counts as a
+failure, and the next child goes on after it.
 """
 
 from __future__ import annotations
