@@ -85,5 +85,6 @@ def _answered(geometry: Geometry, pitch_m: float, found: Adjusted | None) -> xr.
         nearest, farthest = found.depths_m
         with np.errstate(invalid="ignore"):
             depth = value["node"][:, 2]
-            made["valid"] &= (depth > nearest / _BEYOND) & (depth < _BEYOND * farthest)
+            near = (depth > nearest / _BEYOND) & (depth < _BEYOND * farthest)
+        made["valid"] = np.asarray(made["valid"], bool) & near
     return stage_result("calibration", **made)

@@ -58,8 +58,10 @@ def calibrate(
     """
     if not captures:
         raise InputError("A calibration needs captures.", where="calibrate", value=0, allowed="one or more")
-    options = {"finder": finder, "blur_px": blur_px, "radius_px": radius_px, "port": port}
-    seen = [_views(one, board, least_views, **options) for one in captures]
+    seen = [
+        _views(one, board, least_views, finder=finder, blur_px=blur_px, radius_px=radius_px, port=port)
+        for one in captures
+    ]
     views = [view for own in seen for view, _ in own]
     behind = [capture for capture, own in zip(captures, seen, strict=True) if any(v.port is not None for v, _ in own)]
     last = (behind or captures)[-1]
