@@ -188,6 +188,10 @@ def test_nothing_scrolls_sideways_on_a_phone(run_dir: Path, browser: Browser) ->
 @pytest.mark.parametrize("dark", [False, True])
 def test_print_has_white_pages_and_all_columns(run_dir: Path, browser: Browser, dark: bool) -> None:
     browser.open(run_dir / "report.html", width=1045, dark=dark)
+    surface = "document.querySelector('.relief canvas').toDataURL()"
+    before = browser.value(surface)
+    browser.value("dispatchEvent(new Event('beforeprint'))")
+    assert (browser.value(surface) != before) is dark, "lines and letters of surfaces are dark on paper"
     scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
     browser.send("Emulation.setEmulatedMedia", media="print", features=scheme)
     try:
