@@ -22,16 +22,18 @@ from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.jail import isolation
+from .runner.protocol import content_id
 from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
 from .runner.spool import Entry, Spool
 from .scores.error_tiles import TileKey, tile_sums, write_tiles
+from .scores.inputs import write_inputs
 from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
 from .scores.truth import Bound, Truth, aligned, errors_of
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
-from .suites.suite import Cell, Loaded, cells_of, check_rungs, load_suite
+from .suites.suite import Cell, Loaded, cell_name, cells_of, check_rungs, load_suite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -128,6 +130,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     run.warnings += _doubts(folder)
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
+    write_inputs(folder, run.inputs)
     run.stages["tables"] = time.perf_counter() - tick
     record = {
         "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
@@ -164,14 +167,8 @@ def _doubts(folder: Path) -> list[str]:
     return [f"BoundWarning: {sentence}" for sentence in above_bound(pooled(read_scores(folder)))]
 
 
-def _file_name(cell: Cell) -> str:
-    """A folder name for a cell: readable, and valid for any names of axes."""
-    parts = [cell.scene_name]
-    for axis, level in ((cell.stress, cell.level), (cell.stress2, cell.level2)):
-        if level == level:
-            parts.append(f"{axis}={level!r}")
-    parts.append(f"seed={cell.seed}")
-    return "".join(c if c.isalnum() or c in "._=-+" else "-" for c in "__".join(parts))
+def _name(cell: Cell) -> str:
+    return cell_name(cell.scene_name, ((cell.stress, cell.level), (cell.stress2, cell.level2)), cell.seed)
 
 
 class _Run:
@@ -196,6 +193,7 @@ class _Run:
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
         self.tiles: dict[TileKey, tuple[Any, Any]] = {}
+        self.inputs: list[dict[str, Any]] = []
         self._device = str(machine()["device_class"])
         self.warnings: list[str] = []
         self.failures: list[dict[str, str]] = []
@@ -216,10 +214,18 @@ class _Run:
 
         capture = self._capture(cell)
         bounds = self._timed("bound", lambda: bounds_of(capture))
-        return spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
+        entry = spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
+        axes = {
+            "scene": cell.scene_name, "stress": cell.stress, "level": cell.level, "stress2": cell.stress2,
+            "level2": cell.level2, "seed": cell.seed,
+        }  # fmt: skip
+        self.inputs += [
+            {**axes, "condition": name, "sha256": content_id(entry.folder, name)} for name in self.suite.conditions
+        ]
+        return entry
 
     def _store(self, cell: Cell) -> Path:
-        return self.folder / "captures" / f"{_file_name(cell)}.zarr"
+        return self.folder / "captures" / f"{_name(cell)}.zarr"
 
     def _capture(self, cell: Cell) -> xr.Dataset:
         from ..captures import open_captures, write

@@ -6,6 +6,7 @@ and attributes of each. The child maps the arrays read-only. Its result is one .
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import zlib
@@ -18,8 +19,8 @@ import xarray as xr
 from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
 
 __all__ = [
-    "THREAD_VARIABLES", "file_sums", "files_of", "misshapen", "open_capture", "read_results", "unsound", "write_capture",
-    "write_meta",
+    "THREAD_VARIABLES", "content_id", "file_sums", "files_of", "misshapen", "open_capture", "read_results", "unsound",
+    "write_capture", "write_meta",
 ]  # fmt: skip
 
 #: Longest dimension that an estimator may choose.
@@ -88,6 +89,15 @@ def open_capture(folder: Path, condition: str) -> xr.Dataset:
 def files_of(folder: Path, condition: str) -> list[Path]:
     """The files of a capture that an estimator reads under one condition."""
     return [*sorted(folder.glob("*.npy")), folder / f"meta-{condition}.json"]
+
+
+def content_id(folder: Path, condition: str) -> str:
+    """SHA-256, in hex, of all that an estimator reads of a capture under one condition: arrays, coordinates, declared rig."""
+    digest = hashlib.sha256()
+    for path in files_of(folder, condition):
+        shown = "meta" if path.suffix == ".json" else path.name
+        digest.update(shown.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def file_sums(folder: Path) -> dict[str, int]:

@@ -22,7 +22,8 @@ from .variants import without_variants
 
 __all__ = [
     "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
-    "Stress", "Suite", "capture_key", "cells_of", "check_rungs", "list_suites", "load_suite", "suite_hash",
+    "Stress", "Suite", "capture_key", "cell_name", "cells_of", "check_rungs", "list_suites", "load_suite",
+    "suite_hash",
 ]  # fmt: skip
 
 #: Folder of the built-in suites.
@@ -202,3 +203,9 @@ def check_rungs(cells: Iterable[Cell], rtol: float) -> None:
     for cell in cells:
         if cell.fidelity is not None:
             checked(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=cell.fidelity, rtol=rtol)
+
+
+def cell_name(scene: str, levels: Iterable[tuple[str, float]], seed: int) -> str:
+    """A folder name for a cell: readable, and valid for any names of axes; `levels` are its axes and levels, NaN for none."""
+    parts = [scene, *(f"{axis}={level!r}" for axis, level in levels if level == level), f"seed={seed}"]
+    return "".join(c if c.isalnum() or c in "._=-+" else "-" for c in "__".join(parts))
