@@ -126,7 +126,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     run.warnings = list(dict.fromkeys(f"{item.category.__name__}: {item.message}" for item in caught))
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
-    write_tables(folder, rows)
+    write_tables(folder, rows, run.tiles)
     run.warnings += _doubts(folder)
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)

@@ -2,14 +2,14 @@
 
     python -m beambench.benchmarks.checks.gate --minutes 60 --load 2 --pool starts.jsonl
 
-Two targets are timed as the gate times them (`gate.sides`): a single-threaded kernel (`line-ml`) and the renderer (a small
-gated scene). Every start of the three processes is recorded with two measurements of B: with as many calls as A (the
-same code: any alarm is false) and with one call more in 34 or in 10 (a slowdown of 2.94 % or 10 % that is true by
-construction: more of the same work). `--load` starts processes that keep the cores busy.
+Two targets are timed as the gate times them (`gate.sides`): a single-threaded kernel (`line-ml`, one fit per row) and the
+renderer (ten small gated scenes as one call). Every start of the three processes is recorded with two measurements of B: with
+the same work as A (any alarm is false) and with more of the same work: 264 rows in place of 256 (+3.1 %), eleven scenes in
+place of ten (+10 %). `--load` starts processes that keep the cores busy.
 
 The starts are then dealt out to gates of 8, each of which may retry with 8 more. `real` gates share no start. `resampled`
-gates draw their starts with replacement from all: more of them, but not independent. A gate has both targets, and is a false
-alarm if either is red. `--judge` reads the pool and measures nothing. The pool may be continued.
+gates draw their starts with replacement from all: more of them, but not independent. A gate without a planted slowdown has
+both targets. `--judge` reads the pool and measures nothing. The pool may be continued.
 """
 
 from __future__ import annotations
@@ -28,68 +28,71 @@ from typing import Any
 import numpy as np
 
 from ..gate.check import ABSTAINS, PASS, REGRESSION, decided
-from ..gate.sides import Paired, Side
+from ..gate.sides import Paired, Side, typical
 from ..gate.speed import with_retry
 
 __all__ = ["Start", "judged", "main"]
 
-#: {target: (calls of A, more calls of B when planted, effect of interest, rounds)}.
-TARGETS = {"kernel": (34, 1, 0.03, 7), "render": (10, 1, 0.10, 3)}
+#: {target: (calls per turn, rounds, effect of interest)}.
+TARGETS = {"kernel": (30, 9, 0.03), "render": (1, 3, 0.10)}
 _STARTS, _RESAMPLED = 8, 1000
-_LABEL, _SCENE, _RENDERED, _SIDE, _SEED = "line-ml", "spotscan-wall", "object1", 32, 1
+_LABEL, _SCENE, _ROWS, _MORE_ROWS = "line-ml", "spotscan-wall", 256, 264
+_RENDERED, _SIDE, _SCENES, _MORE_SCENES, _SEED = "object1", 32, 10, 11, 1
 _BUSY = "while True: sum(i * i for i in range(10000))"
 
 #: {target: {"same", "null", "planted"}}: medians of logarithms over the rounds of one start.
 Start = Mapping[str, Mapping[str, float]]
 
 
-def _targets(scratch: Path) -> dict[str, dict[str, Any]]:
-    """What the workers open."""
+def _targets(scratch: Path) -> dict[str, tuple[dict[str, Any], dict[str, Any]]]:
+    """What the workers open: {target: (as it is, with more work)}."""
     from ...captures.hide import hide_truth
     from ...generator.generate import generate
     from ...scenes.load import load_scene
     from ...scenes.rigs import rig_kind
     from ..runner.protocol import write_capture, write_meta
 
-    scene = load_scene(_SCENE)
-    hidden = hide_truth(generate(scene, seed=_SEED))
-    write_capture(scratch / "capture", hidden)
-    write_meta(scratch / "capture", hidden, "matched")
+    kernels = []
+    for rows in (_ROWS, _MORE_ROWS):
+        folder = scratch / f"{rows}-rows"
+        hidden = hide_truth(generate(load_scene(_SCENE, {"rig.camera.rows": rows}), seed=_SEED))
+        write_capture(folder, hidden)
+        write_meta(folder, hidden, "matched")
+        kernels.append({"kind": "estimate", "label": _LABEL, "folder": str(folder), "condition": "matched"})
     small = load_scene(_RENDERED)
     small = load_scene(_RENDERED, rig_kind(small.modality).resize(_SIDE))
-    return {
-        "kernel": {"kind": "estimate", "label": _LABEL, "folder": str(scratch / "capture"), "condition": "matched"},
-        "render": {
-            "kind": "render", "scene": small.model_dump(mode="json"), "seed": _SEED, "fidelity": "direct", "rtol": 1e-3,
-        },
-    }  # fmt: skip
+    scene = {"scene": small.model_dump(mode="json"), "seed": _SEED, "fidelity": "direct", "rtol": 1e-3}
+    renders = [{"kind": "render", **scene, "repeat": count} for count in (_SCENES, _MORE_SCENES)]
+    return {"kernel": (kernels[0], kernels[1]), "render": (renders[0], renders[1])}
 
 
-def _start(targets: Mapping[str, Mapping[str, Any]], rng: np.random.Generator) -> dict[str, dict[str, float]]:
+def _start(
+    targets: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]], rng: np.random.Generator
+) -> dict[str, dict[str, float]]:
     """One start of A, A' and B, and the medians over its rounds."""
     found = {}
     sides = [Side(), Side(), Side()]
+    turns = [(0, 0), (1, 0), (2, 0), (2, 1)]  # (side, more work or not)
     try:
-        for number, (name, target) in enumerate(targets.items()):
-            count, more, _, rounds = TARGETS[name]
-            for side in sides:
-                side.open(number, target)
-            turns = [(0, count), (1, count), (2, count), (2, count + more)]
+        for number, (name, pair) in enumerate(targets.items()):
+            calls, rounds, _ = TARGETS[name]
+            for side, more in turns:
+                sides[side].open(2 * number + more, pair[more])
             logs = np.zeros((rounds, len(turns)))
             for turn in range(rounds):
                 for which in rng.permutation(len(turns)):
-                    side_number, calls = turns[which]
-                    logs[turn, which] = math.log(sides[side_number].time(number, calls))
+                    side, more = turns[which]
+                    logs[turn, which] = typical(sides[side].time(2 * number + more, calls))
             middle = 0.5 * (logs[:, 0] + logs[:, 1])
             found[name] = {
                 "same": float(np.median(logs[:, 1] - logs[:, 0])),
                 "null": float(np.median(logs[:, 2] - middle)),
                 "planted": float(np.median(logs[:, 3] - middle)),
-                "cpu_s": float(np.exp(np.median(middle))) / count,
+                "cpu_s": float(np.exp(np.median(middle))),
             }
     finally:
-        for side in sides:
-            side.close()
+        for one in sides:
+            one.close()
     return found
 
 
@@ -163,12 +166,13 @@ def judged(starts: Sequence[Start], kind: str, *, resampled: int = 0, seed: int 
 
 def _table(starts: Sequence[Start], loads: Sequence[float]) -> None:
     print(f"{len(starts)} starts, load average {np.median(loads):.1f} (median) on {os.cpu_count()} cores")
-    for name, (count, more, _, _) in TARGETS.items():
-        spread = [np.std([one[name][kind] for one in starts], ddof=1) for kind in ("same", "null", "planted")]
-        middle = np.mean([one[name]["planted"] - one[name]["null"] for one in starts])
+    for name in TARGETS:
+        spread = [np.std([one[name][kind] for one in starts], ddof=1) for kind in ("same", "null")]
+        more = [one[name]["planted"] - one[name]["null"] for one in starts]
+        error = np.std(more, ddof=1) / math.sqrt(len(more))
         print(
-            f"{name:7} planted {100 * more / count:.2f} %, measured {100 * math.expm1(middle):+.2f} %; per start: A/A sd "
-            f"{100 * spread[0]:.2f} %, B/A sd {100 * spread[1]:.2f} %"
+            f"{name:7} planted: {100 * math.expm1(np.mean(more)):+.2f} ± {200 * error:.2f} % (2 se); scatter per start: A/A "
+            f"{100 * spread[0]:.2f} %, B/A {100 * spread[1]:.2f} %"
         )
     print(f"{'gates':10} {'kind':8} {'target':8} {'number':>7} {'red':>6} {'passes':>7} {'abstains':>9}")
     for word, number in (("real", 0), ("resampled", _RESAMPLED)):

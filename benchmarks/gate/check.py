@@ -69,8 +69,8 @@ def measured(
 
 
 def equal(figure: str, subject: str, effect: float, note: str = "equal numbers") -> Check:
-    """A check whose numbers are equal: it passes, and counts in the correction."""
-    return Check(figure, subject, 0.0, 0.0, effect, 1.0, note=note)
+    """A check whose numbers are equal: it passes. Nothing is tested, so that it does not count in the correction."""
+    return Check(figure, subject, 0.0, 0.0, effect, note=note)
 
 
 def abstained(figure: str, subject: str, reason: str, effect: float = math.nan) -> Check:

@@ -24,6 +24,7 @@ from ..report.data import read_run
 from ..scores.error_tiles import read_tiles
 from ..scores.inputs import read_inputs
 from ..scores.tables import read_scores
+from ..statistics.skips import not_applicable
 
 __all__ = ["CellKey", "Figures", "Row", "RowKey", "folded", "read_baseline", "read_figures", "write_baseline"]
 
@@ -95,6 +96,8 @@ def read_figures(folder: Path) -> Figures:
     inputs = read_inputs(folder)
     rows: dict[RowKey, Row] = {}
     for row in table.to_dict(orient="records"):
+        if not_applicable(str(row["status"])):
+            continue
         cell = (
             row["scene"], row["stress"], _level(row["level"]), row["stress2"], _level(row["level2"]), str(int(row["seed"])),
             row["condition"],

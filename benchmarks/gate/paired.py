@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from ...captures.layouts import stage_of
+from ...captures.layouts import is_main_quantity
 from ..statistics.pooled import concentrated
 from .check import REGRESSION, Check, abstained, equal, measured
 from .figures import CellKey, Figures, Row, folded
@@ -148,7 +148,7 @@ def _accuracy(name: str, subject: Subject, pairs: Pairs, old: Figures, new: Figu
     if logs.size >= _MANY:
         error = float(logs.std(ddof=1)) / math.sqrt(logs.size)
         return measured("accuracy", name, float(logs.mean()), error, logs.size - 1, size, note)
-    if subject[2] != stage_of(subject[1]).gives[0].name:
+    if not is_main_quantity(subject[1], subject[2]):
         return abstained("accuracy", name, f"{note}, and errors by tile are kept of the main quantity only", size)
     variances = []
     for cell in [cell for cell, use in zip(pairs.cells, used, strict=True) if use]:

@@ -1,10 +1,10 @@
 """Versions of the code in processes of their own, timed call by call in random order.
 
 Three processes run side by side: two of the reference, A and A', and one of the present version, B. In each round the three
-carry out the same number of calls in a random order, so that a change of the processor's clock or of the load by others falls
-on all three alike. A process keeps, for its life, a speed of its own (where its memory lies), by which two processes of one
-version differ by more than their rounds tell; therefore the three are started afresh several times, and a start is one
-observation.
+carry out the same number of calls, each timed by itself, in a random order, so that a change of the processor's clock or of
+the load by others falls on all three alike. A process keeps, for its life, a speed of its own (where its memory lies), by
+which two processes of one version differ by more than their rounds tell; therefore the three are started afresh several times,
+and a start is one observation.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from ..runner.process import child_environment
 
-__all__ = ["Failed", "Paired", "Plan", "Side", "Timer", "interleaved", "open_all"]
+__all__ = ["Failed", "Paired", "Plan", "Side", "Timer", "interleaved", "open_all", "typical"]
 
 Float = npt.NDArray[np.float64]
 
@@ -42,10 +42,10 @@ class Timer(Protocol):
     """What can open targets and time calls of them."""
 
     def open(self, number: int, target: Mapping[str, Any]) -> dict[str, Any]:
-        """Prepare a target and call it once or more; CPU time of a call and the file of its code."""
+        """Prepare a target and call it: CPU time of one call in a list, and the files of its code."""
 
-    def time(self, number: int, count: int) -> float:
-        """CPU time of `count` calls of a target, s."""
+    def time(self, number: int, count: int) -> Sequence[float]:
+        """CPU times of `count` calls of a target, s."""
 
     def close(self) -> None:
         """End."""
@@ -97,9 +97,9 @@ class Side:
         """As `Timer.open`. Raises Failed."""
         return self._ask({"do": "open", "id": number, **target})
 
-    def time(self, number: int, count: int) -> float:
+    def time(self, number: int, count: int) -> Sequence[float]:
         """As `Timer.time`. Raises Failed."""
-        return float(self._ask({"do": "call", "id": number, "count": count})["cpu_s"])
+        return [float(x) for x in self._ask({"do": "call", "id": number, "count": count})["cpu_s"]]
 
     def close(self) -> None:
         """End the process."""
@@ -181,23 +181,28 @@ def interleaved(
         sides = start()
         try:
             for number, target in targets.items():
-                seconds = [max(float(side.open(number, target)["cpu_s"]), 1e-6) for side in sides]
+                seconds = [max(float(side.open(number, target)["cpu_s"][0]), 1e-6) for side in sides]
                 counts.setdefault(number, max(1, math.ceil(plan.turn_s / min(seconds))))
                 for turn in range(plan.rounds):
                     for which in rng.permutation(3):
-                        spent = sides[which].time(number, counts[number])
-                        logs[number][run, turn, which] = math.log(max(spent, 1e-9))
+                        logs[number][run, turn, which] = typical(sides[which].time(number, counts[number]))
         finally:
             for side in sides:
                 side.close()
         tell(run + 1)
-    return {number: _paired(log, counts[number]) for number, log in logs.items()}
+    return {number: _paired(log) for number, log in logs.items()}
 
 
-def _paired(log: Float, count: int) -> Paired:
+def typical(times: Sequence[float]) -> float:
+    """Logarithm of the lower quartile of the CPU times of one turn: calls that were interrupted, after which the caches are cold,
+    are above it as long as they are not most."""
+    return math.log(max(float(np.quantile(times, 0.25)), 1e-9))
+
+
+def _paired(log: Float) -> Paired:
     a, twin, b = log[..., 0], log[..., 1], log[..., 2]
     return Paired(
         np.median(b - 0.5 * (a + twin), axis=1),
         np.median(twin - a, axis=1),
-        float(np.exp(np.median(0.5 * (a + twin)))) / count,
+        float(np.exp(np.median(0.5 * (a + twin)))),
     )
