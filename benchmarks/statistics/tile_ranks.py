@@ -83,7 +83,7 @@ def _pairs(
     found = []
     for (i, j), mine, corrected in zip(index, p, holm(p) if p else [], strict=True):
         low, high = np.exp(np.quantile(logs[i] - logs[j], [0.025, 0.975]))
-        winner = ("" if not corrected <= alpha else names[i] if middle[i] < middle[j] else names[j])
+        winner = "" if not corrected <= alpha else names[i] if middle[i] < middle[j] else names[j]
         ratio = math.exp(middle[i] - middle[j])
         ends = (math.nan, math.nan) if few[i] or few[j] else (float(low), float(high))
         found.append(Pair(names[i], names[j], scenes, ratio, *ends, mine, float(corrected), winner))
