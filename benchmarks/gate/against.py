@@ -14,7 +14,7 @@ from ...scenes.errors import InputError
 from .check import Check, abstained
 from .paired import Effects
 from .reference import CannotBuild, build_reference
-from .sides import Failed, Paired, Plan, Side, Timer, interleaved, open_all
+from .sides import Failed, Paired, Plan, Side, Timer, any_core, interleaved, open_all
 from .speed import Timed, with_retry
 from .targets import targets_of
 
@@ -53,9 +53,11 @@ def _timed(
     subjects: dict[int, str], targets: list[dict[str, Any]], reference: Path, effects: Effects, others: Sequence[Check],
     plan: Plan, tell: Callable[[str], None],
 ) -> list[Timed]:  # fmt: skip
+    rng = np.random.default_rng(secrets.randbits(64))
+
     def start() -> list[Timer]:
-        path = [str(reference)]
-        return [Side(path), Side(path), Side()]
+        path, core = [str(reference)], any_core(rng)
+        return [Side(path, core=core), Side(path, core=core), Side(core=core)]
 
     tell("reference: both versions compile and answer once")
     opened = open_all(start, dict(enumerate(targets)))
@@ -69,7 +71,6 @@ def _timed(
     if not usable and not found:
         reason = "the reference holds no code that the run timed: the other package's code is that of both sides"
         found.append(Timed(abstained("speed", "all", reason)))
-    rng = np.random.default_rng(secrets.randbits(64))
 
     def measure(numbers: Sequence[int]) -> dict[int, Paired]:
         return interleaved(

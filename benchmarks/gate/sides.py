@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from ..runner.process import child_environment
 
-__all__ = ["Failed", "Paired", "Plan", "Side", "Timer", "interleaved", "open_all", "typical"]
+__all__ = ["Failed", "Paired", "Plan", "Side", "Timer", "any_core", "interleaved", "open_all", "typical"]
 
 Float = npt.NDArray[np.float64]
 
@@ -76,10 +76,12 @@ class Side:
     """A worker process of one version.
 
     Main arguments:
-        path: what its import path begins with; empty for the version that runs this. limit_s: wall time of one command, s.
+        path: what its import path begins with; empty for the version that runs this. core: the only core that it runs on.
+    Other arguments:
+        limit_s: wall time of one command, s.
     """
 
-    def __init__(self, path: Sequence[str] = (), *, limit_s: float = 300.0) -> None:
+    def __init__(self, path: Sequence[str] = (), *, core: int | None = None, limit_s: float = 600.0) -> None:
         environment = child_environment()
         environment["PYTHONPATH"] = os.pathsep.join([*path, environment["PYTHONPATH"]])
         if path:
@@ -88,10 +90,10 @@ class Side:
 
             environment.pop(GIVEN_HASH, None)
         self._limit = limit_s
+        command = [sys.executable, "-P", str(_WORKER), *([] if core is None else [str(core)])]
         self._process = subprocess.Popen(
-            [sys.executable, "-P", str(_WORKER)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, env=environment,
-        )  # fmt: skip
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
+        )
 
     def open(self, number: int, target: Mapping[str, Any]) -> dict[str, Any]:
         """As `Timer.open`. Raises Failed."""
@@ -118,8 +120,8 @@ class Side:
             sink.write((json.dumps(command) + "\n").encode())
             sink.flush()
             line = self._line(source.fileno())
-        except OSError as error:
-            raise Failed(f"its process ended: {error.strerror}") from error
+        except (OSError, ValueError) as error:  # a closed pipe is a ValueError
+            raise Failed(f"its process ended: {error}") from error
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise Failed(str(answer["error"]))
@@ -137,6 +139,14 @@ class Side:
                     raise Failed("its process ended")
                 line += part
         return line
+
+
+def any_core(rng: np.random.Generator) -> int | None:
+    """One of the cores of this process, on which all sides of a start run: two cores may have different neighbours."""
+    if not hasattr(os, "sched_getaffinity"):
+        return None
+    cores = sorted(os.sched_getaffinity(0))
+    return int(cores[rng.integers(len(cores))])
 
 
 def open_all(

@@ -1,10 +1,11 @@
 """A process that times calls of one version of the code. Started by `sides` as a file, so that any version can be on its path:
 
-    python -P worker.py
+    python -P worker.py [CPU]
 
-Commands arrive as lines of JSON on standard input, and each is answered by one line on the standard output that the process
-was started with; what the timed code prints goes nowhere. It uses these names of the version that it times, and no others:
-`estimators.registry.get_estimator`, `estimators.labels.parse_label`, `scenes.load.load_scene`, `generator.generate.generate`.
+With CPU, a number, it runs on that core only. Commands arrive as lines of JSON on standard input, and each is answered by one
+line on the standard output that the process was started with; what the timed code prints goes nowhere. It uses these names of
+the version that it times, and no others: `estimators.registry.get_estimator`, `estimators.labels.parse_label`,
+`scenes.load.load_scene`, `generator.generate.generate`.
 """
 
 from __future__ import annotations
@@ -100,6 +101,8 @@ def _answer(asked: dict[str, Any], calls: dict[int, Call]) -> dict[str, Any]:
 
 def main() -> int:
     """Answer commands until the pipe closes."""
+    if len(sys.argv) > 1 and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {int(sys.argv[1])})
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
