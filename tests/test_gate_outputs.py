@@ -105,8 +105,9 @@ def test_bad_input_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureF
         (["--new", "peak"], "--old"),
         (["--new", "peak", "--old", "nobody"], "nobody"),
         (["--starts", "2"], "--starts"),
-        (["--speed-effect", "0"], "speed"),
-        (["--yardstick", "peak", "--accuracy-effect", "-1"], "accuracy"),
+        (["--effects", "speed=0"], "speed"),
+        (["--effects", "beauty=1"], "beauty"),
+        (["--effects", "memory"], "memory"),
     ):
         assert main([*base, *more]) == 2, more
         assert word in capsys.readouterr().err

@@ -72,7 +72,7 @@ def update_baseline(folder: Path, path: Path, *, why: str | None, who: str, proj
 def gate_run(
     folder: Path, baseline: Path, *, against: str | None = None, project: Path, asked: Sequence[str],
     effects: Effects, labels: tuple[str, str] | None = None, yardstick: str | None = None, render: bool = False,
-    plan: Plan, outputs: dict[str, Path | None], tell: Callable[[str], None] = lambda line: None,
+    plan: Plan, outputs: dict[str, Path], tell: Callable[[str], None] = lambda line: None,
 ) -> GateResult:  # fmt: skip
     """Gate a run.
 
@@ -147,7 +147,7 @@ def _notes(old: Figures, new: Figures, asked: Sequence[str], against: str | None
     return notes
 
 
-def _write(outputs: dict[str, Path | None], result: GateResult, figures: Figures, project: Path) -> None:
+def _write(outputs: dict[str, Path], result: GateResult, figures: Figures, project: Path) -> None:
     if (path := outputs.get("junit")) is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, junit(result.checks, str(figures.head["suite"])))

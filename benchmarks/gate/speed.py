@@ -32,8 +32,8 @@ def speed_check(subject: str, paired: Paired, effect: float) -> Timed:
     Main arguments:
         paired: logarithms per start. effect: slowdown of interest as a fraction, .03: 3 % more CPU time.
 
-    It abstains where the two processes of one version differ by more than chance (their 99 % interval excludes zero) or where
-    that interval is as wide as the effect. Student's t over starts, one-sided.
+    It abstains where the two processes of one version differ by more than chance (their 99 % interval excludes zero) and by
+    more than a quarter of the effect, or where that interval is as wide as the effect. Student's t over starts, one-sided.
     """
     from scipy.stats import t
 
@@ -41,7 +41,7 @@ def speed_check(subject: str, paired: Paired, effect: float) -> Timed:
     same, same_error = _mean(paired.same)
     half = float(t.ppf(0.5 + 0.5 * _SAME, starts - 1)) * same_error
     told = f"A/A {_percent(same)} ± {100 * half:.1f} % (99 %), {starts} starts, {paired.cpu_s:.3g} s per call"
-    if abs(same) > half:
+    if abs(same) > max(half, 0.25 * size):
         return Timed(
             abstained("speed", subject, f"A/A fails: one version against itself differs; {told}", size), same, half
         )
