@@ -9,7 +9,8 @@ place of ten (+10 %). `--load` starts processes that keep the cores busy.
 
 The starts are then dealt out to gates of 8, each of which may retry with 8 more. `real` gates share no start. `resampled`
 gates draw their starts with replacement from all: more of them, but not independent. A gate without a planted slowdown has
-both targets. `--judge` reads the pool and measures nothing. The pool may be continued.
+both targets. `--judge` reads the pool and measures nothing. The pool may be continued. `--simulate` needs no pool: it draws the
+starts' and the cells' logarithms from normal laws of given scatter, and passes them through the same decision.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from ..gate.check import ABSTAINS, PASS, REGRESSION, decided
+from ..gate.check import ABSTAINS, PASS, REGRESSION, decided, measured
 from ..gate.sides import Paired, Side, any_core, typical
 from ..gate.speed import with_retry
 
@@ -188,6 +189,55 @@ def _table(starts: Sequence[Start], loads: Sequence[float]) -> None:
                 )
 
 
+def _simulated_speed(slower: float, effect: float, scatter: float, starts: int, rng: np.random.Generator) -> str:
+    """State of a gate whose processes have speeds of their own with the given scatter."""
+
+    def measure(numbers: Sequence[int]) -> dict[int, Paired]:
+        found = {}
+        for number in numbers:
+            a, twin, b = scatter * rng.normal(size=(3, starts))
+            found[number] = Paired(math.log1p(slower) + b - 0.5 * (a + twin), twin - a, 0.01)
+        return found
+
+    return decided([with_retry({0: "made"}, effect, measure)[0].check])[0].state
+
+
+def _simulated_error(worse: float, scatter: float, cells: int, rng: np.random.Generator) -> str:
+    """State of the accuracy of an estimator whose cells change by the given scatter."""
+    logs = math.log1p(worse) + scatter * rng.normal(size=cells)
+    error = float(logs.std(ddof=1)) / math.sqrt(cells)
+    return decided([measured("accuracy", "made", float(logs.mean()), error, cells - 1, math.log1p(0.05))])[0].state
+
+
+def _simulate(gates: int) -> None:
+    """Print the shares of simulated gates that are red, pass and abstain."""
+    rng = np.random.default_rng(0)
+    print(f"{gates} simulated gates a line: red / passes / abstains, %")
+
+    def line(words: str, draw: Callable[[float], str], change: float) -> None:
+        shares = []
+        for true in (0.0, change):
+            states = [draw(true) for _ in range(gates)]
+            shares.append(" / ".join(f"{100 * states.count(s) / gates:.1f}" for s in (REGRESSION, PASS, ABSTAINS)))
+        print(f"{words}: unchanged {shares[0]}, {100 * change:+.0f} % {shares[1]}")
+
+    for effect in (0.03, 0.10):
+        for scatter in (0.005, 0.01, 0.02, 0.04):
+            for starts in (8, 16):
+                line(
+                    f"speed, scatter {100 * scatter:g} % per process, {starts} starts",
+                    lambda true, e=effect, s=scatter, n=starts: _simulated_speed(true, e, s, n, rng),  # type: ignore[misc]
+                    effect,
+                )
+    for cells in (6, 10, 40):
+        for scatter in (0.01, 0.03, 0.10):
+            line(
+                f"rmse, scatter {100 * scatter:g} % per cell, {cells} cells",
+                lambda true, n=cells, s=scatter: _simulated_error(true, s, n, rng),  # type: ignore[misc]
+                0.05,
+            )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and print the table."""
     import argparse
@@ -197,7 +247,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--load", type=int, default=2, help="busy processes beside the measurement")
     parser.add_argument("--pool", type=Path, default=Path("gate-starts.jsonl"))
     parser.add_argument("--judge", action="store_true", help="only read the pool")
+    parser.add_argument("--simulate", type=int, metavar="GATES", help="only simulate so many gates of each kind")
     chosen = parser.parse_args(arguments)
+    if chosen.simulate:
+        _simulate(chosen.simulate)
+        return 0
     if not chosen.judge:
         _measure(chosen.pool, chosen.minutes, chosen.load)
     records = [json.loads(line) for line in chosen.pool.read_text(encoding="utf-8").splitlines()]
