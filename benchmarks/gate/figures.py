@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -106,7 +106,7 @@ def read_figures(folder: Path) -> Figures:
         key = (subject, cell)
         if key in rows:
             raise InputError("The score table has the same row twice.", where=str(folder), value=str(key))
-        rows[key] = Row(*(float(row[name]) for name in _NUMBERS), status=str(row["status"]))
+        rows[key] = _row([float(row[name]) for name in _NUMBERS], str(row["status"]))
     tiles = {}
     plain = {(cell[0], cell[6], cell[5]): cell for _, cell in rows if cell[1] == cell[3] == "none"}
     for (scene, condition, seed, label), (sums, _) in read_tiles(folder).items():
@@ -120,6 +120,12 @@ def read_figures(folder: Path) -> Figures:
     }  # fmt: skip
     known = {cell for _, cell in rows}
     return Figures(head, {cell: inputs.get(cell, "") for cell in known}, rows, tiles, str(folder))
+
+
+def _row(numbers: Sequence[float], status: str) -> Row:
+    """A row from its figures in the order of `_NUMBERS`."""
+    n, coverage, failure_rate, rmse_full, z_rms, cpu_s, peak_bytes = numbers
+    return Row(n, coverage, failure_rate, rmse_full, z_rms, cpu_s, peak_bytes, status)
 
 
 def _level(text: Any) -> str:
@@ -186,8 +192,8 @@ def read_baseline(path: Path) -> Figures:
         cells = [tuple(map(str, cell)) for cell in data["cells"]]
         inputs = {cell[:-1]: cell[-1] for cell in cells}
         rows = {
-            ((str(row[1]), str(row[2]), str(row[3])), cells[row[0]][:-1]): Row(
-                *(math.nan if value is None else float(value) for value in row[4:-1]), status=str(row[-1])
+            ((str(row[1]), str(row[2]), str(row[3])), cells[row[0]][:-1]): _row(
+                [math.nan if value is None else float(value) for value in row[4:-1]], str(row[-1])
             )
             for row in data["rows"]
         }
