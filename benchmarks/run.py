@@ -27,7 +27,7 @@ from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
 from .runner.spool import Entry, Spool
 from .scores.error_tiles import TileKey, tile_sums, write_tiles
-from .scores.inputs import write_inputs
+from .scores.inputs import input_rows, write_inputs
 from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
 from .scores.truth import Bound, Truth, aligned, errors_of
@@ -215,13 +215,7 @@ class _Run:
         capture = self._capture(cell)
         bounds = self._timed("bound", lambda: bounds_of(capture))
         entry = spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
-        axes = {
-            "scene": cell.scene_name, "stress": cell.stress, "level": cell.level, "stress2": cell.stress2,
-            "level2": cell.level2, "seed": cell.seed,
-        }  # fmt: skip
-        self.inputs += [
-            {**axes, "condition": name, "sha256": content_id(entry.folder, name)} for name in self.suite.conditions
-        ]
+        self.inputs += input_rows(cell, {name: content_id(entry.folder, name) for name in self.suite.conditions})
         return entry
 
     def _store(self, cell: Cell) -> Path:
@@ -347,7 +341,9 @@ class _Run:
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
         """Store the picture of an estimate for the page, if its stage gives one."""
-        found = ((q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths)
+        found = (
+            (q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths
+        )
         quantity, index = next(found, (None, None))
         if quantity is None or index is None:
             return

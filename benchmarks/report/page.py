@@ -115,9 +115,7 @@ def _folder_name(folder: Path) -> str:
     return shlex.quote(path.parent.name if path.name == "unfinished" else path.name)
 
 
-def _data(
-    specs: dict[str, Any], cells: list[Cell], pictures: list[Picture], order: list[str]
-) -> dict[str, str]:
+def _data(specs: dict[str, Any], cells: list[Cell], pictures: list[Picture], order: list[str]) -> dict[str, str]:
     """What the page's script reads, as JSON by element id: charts, the table as CSV text, reliefs with their colours."""
     reliefs = {"scenes": reliefs_of(pictures, order), "value": SEQUENTIAL, "error": DIVERGING}
     return {

@@ -10,11 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from ..folders.files import write_text
+from ..suites.suite import Cell
 from .tables import read_numbers, to_csv
 
-__all__ = ["INPUT_COLUMNS", "read_inputs", "write_inputs"]
+__all__ = ["INPUT_COLUMNS", "input_rows", "read_inputs", "write_inputs"]
 
 INPUT_COLUMNS = ("scene", "stress", "level", "stress2", "level2", "seed", "condition", "sha256")
+
+
+def input_rows(cell: Cell, hashes: Mapping[str, str]) -> list[dict[str, Any]]:
+    """The rows of a cell, from the hash of its capture under each condition."""
+    axes = {
+        "scene": cell.scene_name, "stress": cell.stress, "level": cell.level, "stress2": cell.stress2,
+        "level2": cell.level2, "seed": cell.seed,
+    }  # fmt: skip
+    return [{**axes, "condition": condition, "sha256": value} for condition, value in hashes.items()]
 
 
 def write_inputs(folder: Path, rows: Iterable[Mapping[str, Any]]) -> None:
