@@ -23,7 +23,7 @@ from .opening import charts_of
 from .pairs import pairs_section
 from .picture_section import picture_scenes, reliefs_of
 from .pictures import DIVERGING, SEQUENTIAL, Picture, read_pictures
-from .ranking import ranking_section
+from .ranking import ranking_section, read_pairs
 from .stress_chart import static_stresses
 from .styles import Style, styles_of
 from .table import score_table, sorted_cells
@@ -67,7 +67,7 @@ def write_report(run_dir: str | Path) -> Path:
     order = [r.label for r in rank(base)]
     suite = str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run"))
     words = {"title": str(run.get("title") or suite), "command": _command(run)}
-    sentences = summary(table)
+    sentences = summary(table, read_pairs(folder))
     page = _render(
         **words,
         suite=suite,
@@ -233,6 +233,8 @@ def _facts(value: Any, prefix: str = "") -> list[tuple[str, str]]:
 
 def _command(run: dict[str, Any]) -> str:
     command = run.get("command")
+    if not run:
+        return "# run.json is missing: the command that made these tables is not known"
     if isinstance(command, list) and command:
         return shlex.join(["beambench" if i == 0 else str(part) for i, part in enumerate(command)])
     return str(command) if command else f"beambench run {shlex.quote(str(run.get('suite', 'SUITE')))}"

@@ -22,7 +22,8 @@ from ...scenes.npz import read_npy
 from ...scenes.plain_text import plain_text
 
 __all__ = [
-    "THREAD_VARIABLES", "file_sums", "misshapen", "read_results", "unsound", "write_capture", "write_meta",
+    "THREAD_VARIABLES", "content_id", "file_sums", "files_of", "misshapen", "read_results", "unsound", "write_capture",
+    "write_meta",
 ]  # fmt: skip
 
 #: Longest dimension that an estimator may choose.
@@ -82,6 +83,20 @@ def file_sums(folder: Path) -> dict[str, str]:
     A CRC would not: other bytes with the same one are found at once.
     """
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+
+
+def files_of(folder: Path, condition: str) -> list[Path]:
+    """The files of a capture that an estimator reads under one condition."""
+    return [*sorted(folder.glob("*.npy")), folder / f"meta-{condition}.json"]
+
+
+def content_id(folder: Path, condition: str) -> str:
+    """SHA-256, in hex, of all that an estimator reads of a capture under one condition: arrays, coordinates, declared rig."""
+    digest = hashlib.sha256()
+    for path in files_of(folder, condition):
+        shown = "meta" if path.suffix == ".json" else path.name
+        digest.update(shown.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]) -> str:

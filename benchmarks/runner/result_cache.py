@@ -26,7 +26,7 @@ from ...scenes.errors import InputError
 from ...scenes.npz import read_npz
 from ..folders.record import machine, versions
 from .estimator_labels import Chosen
-from .protocol import misshapen, unsound
+from .protocol import content_id, misshapen, unsound
 from .session import Job, Outcome
 
 __all__ = ["ResultCache", "cache_root", "source_of"]
@@ -130,12 +130,7 @@ class ResultCache:
     def _capture(self, job: Job) -> str:
         place = (job.folder, job.condition)
         if place not in self._captures:
-            digest = hashlib.sha256()
-            for path in sorted(job.folder.iterdir()):
-                if path.suffix == ".npy" or path.name == f"meta-{job.condition}.json":
-                    shown = "meta" if path.suffix == ".json" else path.name
-                    digest.update(shown.encode() + hashlib.sha256(path.read_bytes()).digest())
-            self._captures[place] = digest.hexdigest()
+            self._captures[place] = content_id(*place)
         return self._captures[place]
 
     def get(self, job: Job, chosen: Chosen) -> Outcome | None:

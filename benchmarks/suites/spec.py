@@ -81,8 +81,8 @@ class Stress(Spec):
 
 class Draw(Spec):
     """What differs from seed to seed, so that no estimator knows the truth from the rig: the level of a stress, uniform from `low`
-    to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that are drawn; all
-    by default.
+    to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that are drawn;
+    all by default.
     """
 
     axis: Annotated[str, Field(min_length=1)]

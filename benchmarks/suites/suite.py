@@ -22,7 +22,8 @@ from .variants import without_variants
 
 __all__ = [
     "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Draw", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
-    "Stress", "Suite", "capture_key", "cells_of", "check_rungs", "drawn_scene", "list_suites", "load_suite", "suite_hash",
+    "Stress", "Suite", "capture_key", "cell_name", "cells_of", "check_rungs", "drawn_scene", "list_suites", "load_suite",
+    "suite_hash",
 ]  # fmt: skip
 
 #: Folder of the built-in suites.
@@ -231,3 +232,9 @@ def drawn_scene(name: str, scene: Scene, draws: Sequence[Draw], seed: int) -> Sc
         level = draw.low + int.from_bytes(digest[:6], "big") / 2**48 * (draw.high - draw.low)
         scene = stressed(scene, [(draw.axis, level)])[0]
     return scene
+
+
+def cell_name(scene: str, levels: Iterable[tuple[str, float]], seed: int) -> str:
+    """A folder name for a cell: readable, and valid for any names of axes; `levels` are its axes and levels, NaN for none."""
+    parts = [scene, *(f"{axis}={level!r}" for axis, level in levels if level == level), f"seed={seed}"]
+    return "".join(c if c.isalnum() or c in "._=-+" else "-" for c in "__".join(parts))
