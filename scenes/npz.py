@@ -77,7 +77,7 @@ def _array(stream: IO[bytes], size: int) -> npt.NDArray[Any]:
         raise ValueError(f"its header describes {count * dtype.itemsize:,} bytes, and {size - stream.tell():,} follow")
     array = np.empty(count, dtype)
     if array.nbytes:
-        view, done = memoryview(array.view(np.uint8)), 0
+        view, done = array.view(np.uint8).data, 0
         while got := stream.readinto(view[done:]):  # type: ignore[attr-defined]
             done += got
         if done != array.nbytes:

@@ -196,7 +196,8 @@ def modes_in_products() -> dict[str, float]:
     assert solver is not None, "66 modes of 32 × 32 lenslets are told apart"
     rng = np.random.default_rng(0)
     size = solver.inverse.shape
-    matrix, s, v = rng.standard_normal(size), rng.standard_normal(size[1]), rng.uniform(1, 2, size[1])
+    matrix, s = rng.standard_normal(size), rng.standard_normal((int(size[1]),))
+    v = rng.uniform(1, 2, (int(size[1]),))
     spent = least_times(
         {
             "product": lambda: [matrix @ s for _ in range(20)],

@@ -62,10 +62,11 @@ def _incidence(scene: Scene, level: float) -> Overrides:
 
 def _turn(scene: Scene, level: float) -> Overrides:
     """Turn flat objects about the vertical by `level` more than they are."""
-    flat = [(i, item) for i, item in enumerate(scene.target) if hasattr(item.shape, "tilt_y_deg")]
+    tilts = {i: getattr(item.shape, "tilt_y_deg", None) for i, item in enumerate(scene.target)}
+    flat = {i: tilt for i, tilt in tilts.items() if tilt is not None}
     if not flat:
         raise DoesNotApply("scenes with a rectangle or a height grid")
-    return {f"target.{i}.shape.tilt_y_deg": item.shape.tilt_y_deg + level for i, item in flat}
+    return {f"target.{i}.shape.tilt_y_deg": tilt + level for i, tilt in flat.items()}
 
 
 def _distance(scene: Scene, level: float) -> Overrides:

@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -201,7 +202,7 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
         for stress in loaded.suite.stresses:
             for level in stress.values:
                 for level2 in stress.values2 or (None,):
-                    changed = _each(of_seed, lambda one, s=stress, a=level, b=level2: _stressed(one, s, a, b))
+                    changed = _each(of_seed, partial(_stressed, stress=stress, level=level, level2=level2))
                     second = (stress.axis2 or CELL_NONE, nan if level2 is None else level2)
                     grid.append((stress.axis, level, *second, changed))
         for axis, level, axis2, second_level, changed in grid:

@@ -75,7 +75,7 @@ def chunk_shape(dims: list[str], shape: list[int], itemsize: int) -> tuple[int, 
 
 def chunk_bytes(entry: dict[str, Any]) -> int:
     """Bytes of one unpacked chunk of the array described by `entry`; those at an edge are as large as all others."""
-    itemsize = np.dtype(entry["dtype"]).itemsize
+    itemsize = int(np.dtype(entry["dtype"]).itemsize)
     return itemsize * math.prod(chunk_shape(entry["dims"], entry["shape"], itemsize))
 
 

@@ -14,6 +14,7 @@ import re
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
@@ -159,9 +160,9 @@ def _parsed(root: Path, text: bytes) -> Manifest:
     return Manifest(str(body["modality"]), count, metadata, chunks, str(body.get("record", "")), digest)
 
 
-def mark_of(mark: object) -> Mark:
+def mark_of(mark: Any) -> Mark:
     """A mark read from a file. Raises TypeError, ValueError."""
-    size, digest = mark  # type: ignore[misc]
+    size, digest = mark
     if type(size) is not int or not isinstance(digest, str):
         raise ValueError(f"mark {mark!r}")
     return size, digest

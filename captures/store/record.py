@@ -33,7 +33,7 @@ __all__ = ["journal_of_group", "manifest_of", "metadata_of", "read_record", "rec
 
 def record_text(journal: Journal) -> bytes:
     """The second manifest of a complete store."""
-    lines = [
+    lines: list[dict[str, Any]] = [
         {"format": FORMAT, "store_version": STORE_VERSION, "count": len(journal.records)},
         {"modality": journal.modality, "structure": journal.structure},
         *({"attrs": one.attrs, "texts": one.texts, "chunks": one.chunks} for one in journal.records),
