@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beambench.benchmarks.runner.attempt import _line
 from beambench.benchmarks.runner.protocol import read_results
-from beambench.benchmarks.runner.session import _line
 from beambench.captures.layouts import stage_of
 from beambench.console import print_lines
 from beambench.scenes.errors import InputError

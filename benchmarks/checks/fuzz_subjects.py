@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .example_modalities import IMAGING, SMALL
 from .fuzz_specs import SPECS, Subject, any_file, json_file
 from .mutations import json_mutated, mutated
 
@@ -25,7 +26,7 @@ def _store(folder: Path) -> None:
     from ...captures import write
     from ...captures.example import example_capture
 
-    write(folder / "s.zarr", [example_capture("amcw", seed=seed, optional=False) for seed in range(2)])
+    write(folder / "s.zarr", [example_capture(SMALL, seed=seed, optional=False) for seed in range(2)])
 
 
 def reseal(store: Path) -> None:
@@ -99,7 +100,7 @@ def _unfinished(folder: Path) -> None:
 
     writer = CaptureWriter(folder / "s.zarr")
     for seed in range(2):
-        writer.append(example_capture("amcw", seed=seed, optional=False))
+        writer.append(example_capture(SMALL, seed=seed, optional=False))
     writer.abandon()
 
 
@@ -135,14 +136,14 @@ def _estimates(folder: Path) -> None:
     one: dict[str, Any] = {"range": np.full((3, 4), 5.0), "sigma": np.ones((3, 4)), "valid": np.ones((3, 4), bool)}
     write_estimates(
         folder / "peak.h5",
-        Estimates("peak", "gated", [one, one], [0.1, 0.2], [0.1, 0.2], [1e6, 1e6], ["ok", "ok"], "ab" * 32),
+        Estimates("peak", IMAGING, [one, one], [0.1, 0.2], [0.1, 0.2], [1e6, 1e6], ["ok", "ok"], "ab" * 32),
     )
 
 
 def _read_estimates(folder: Path) -> None:
     from ...captures.estimates import read_estimates
 
-    read_estimates(folder / "peak.h5", 2, {"row": 3, "col": 4}, modality="gated", captures_sha256="ab" * 32)
+    read_estimates(folder / "peak.h5", 2, {"row": 3, "col": 4}, modality=IMAGING, captures_sha256="ab" * 32)
 
 
 # ---------------------------------------------------------------- folders of results
@@ -153,7 +154,7 @@ def _row(seed: int, estimator: str) -> dict[str, Any]:
 
     texts = {
         "suite": "s", "scene": "flat-wall", "stress": "", "stress2": "", "condition": "matched", "stage": "range",
-        "estimator": estimator, "params": "", "modality": "gated", "quantity": "range", "unit": "m", "bound_kind": "exact",
+        "estimator": estimator, "params": "", "modality": IMAGING, "quantity": "range", "unit": "m", "bound_kind": "exact",
         "status": "ok",
     }  # fmt: skip
     numbers = dict.fromkeys(COLUMNS, 0.5) | {"level": float("nan"), "level2": float("nan"), "seed": seed, "n": 48}
@@ -257,7 +258,7 @@ def job_of(folder: Path) -> tuple[Any, Any]:
         np.save(place / "counts.npy", np.ones((2, 3, 4), np.uint16))
         (place / "meta-matched.json").write_text("{}")
     (chosen,) = check_estimators(["peak"])
-    return Job(0, place, "matched", "gated", {"row": 3, "col": 4}), chosen
+    return Job(0, place, "matched", IMAGING, {"row": 3, "col": 4}), chosen
 
 
 def _read_cache(folder: Path) -> None:

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from .attempts import Attempts, print_attempts
+from .example_modalities import IMAGING
 
 __all__ = ["CASES", "SCENE", "main"]
 
@@ -173,7 +174,7 @@ def _estimates(change: Callable[[Any, Path], None]) -> Case:
         from ...captures import write
         from ...captures.example import example_capture
 
-        store = write(folder / "s.zarr", example_capture("gated"))
+        store = write(folder / "s.zarr", example_capture(IMAGING))
         shape = (1, 5, 7)
         with h5py.File(folder / "peak.h5", "w") as file:
             for name, value in {"range": 5.0, "sigma": 1.0}.items():
@@ -245,7 +246,7 @@ def _store(change: Callable[[Path, dict[str, Any]], None], verb: str = "status")
         from ...captures.example import example_capture
         from .fuzz_subjects import reseal
 
-        store = write(folder / "s.zarr", [example_capture("gated", seed=seed) for seed in range(2)])
+        store = write(folder / "s.zarr", [example_capture(IMAGING, seed=seed) for seed in range(2)])
         (store / "record.jsonl").unlink()
         manifest = json.loads((store / "manifest.json").read_bytes())
         change(store, manifest)
@@ -329,7 +330,7 @@ CASES: dict[str, Case] = {
     "store: texts that are missing": _store(_edit("zarr.json", lambda body: body["attributes"].update(texts={}))),
     "store: a count of text": _store(_manifest(count="two")),
     "store: a count of 10^18": _store(_manifest(count=10**18)),
-    "store: modality of wrong type": _store(_manifest(modality=["gated"])),
+    "store: modality of wrong type": _store(_manifest(modality=[IMAGING])),
     "store: a chunk whose header says 2 GB": _store(_bomb, "export"),
 }  # fmt: skip
 

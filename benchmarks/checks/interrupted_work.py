@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .example_modalities import IMAGING
+
 __all__ = ["WORKS", "Work"]
 
 _SMALL = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4"]
@@ -57,7 +59,7 @@ def _store(folder: Path, seeds: range, name: str = "s.zarr") -> Path:
     from ...captures import write
     from ...captures.example import example_capture
 
-    return write(folder / name, [example_capture("gated", seed=seed, optional=False) for seed in seeds])
+    return write(folder / name, [example_capture(IMAGING, seed=seed, optional=False) for seed in seeds])
 
 
 def _damaged(folder: Path) -> None:
@@ -75,7 +77,7 @@ def _partial(folder: Path) -> None:
 
     writer = CaptureWriter(folder / "s.zarr", overwrite=True)
     for seed in range(3):
-        writer.append(example_capture("gated", seed=seed, optional=False))
+        writer.append(example_capture(IMAGING, seed=seed, optional=False))
     writer.abandon()
 
 
@@ -102,7 +104,7 @@ def _scored(folder: Path) -> None:
     one: dict[str, Any] = {"range": np.full(shape, 2.0), "sigma": np.full(shape, 0.1), "valid": np.ones(shape, bool)}
     n = len(captures)
     costs = [[0.1] * n, [0.1] * n, [1.0] * n]
-    write_estimates(folder / "peak.h5", Estimates("peak", "gated", [one] * n, *costs, ["ok"] * n, captures.sha256))
+    write_estimates(folder / "peak.h5", Estimates("peak", IMAGING, [one] * n, *costs, ["ok"] * n, captures.sha256))
     (folder / "out").mkdir()
     write_text(folder / "out" / "scores.csv", ",".join(COLUMNS) + "\n")
     write_text(folder / "out" / "report.html", "old")

@@ -119,6 +119,8 @@ def _checked(root: Path, manifest: Manifest) -> tuple[Structure, dict[str, Any]]
     attributes = read_json((root / "zarr.json").read_bytes())["attributes"]
     arrays = {name: read_json((safe_join(root, name) / "zarr.json").read_bytes()) for name in attributes["variables"]}
     structure = group_structure(attributes, arrays)
+    if attributes["modality"] != manifest.modality:
+        raise ValueError(f"their modality is {attributes['modality']!r}, not {manifest.modality!r}")
     if set(structure) != set(manifest.chunks) or len(attributes["captures"]) != manifest.count:
         raise InputError(
             "The metadata and the manifest of the store disagree on the number of chunks.", where=str(root)
