@@ -19,7 +19,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -177,7 +177,10 @@ def _verdict(
 ) -> Verdict:
     name = cheat.place.partition(":")[2]
     verdict = Verdict(name, _what(cheat))
-    gained = {"reach": _reached, "time": _faster, "left": lambda _: around.left()}.get(cheat.kind)
+    ways: dict[str, Callable[[list[Outcome]], bool]] = {
+        "reach": _reached, "time": _faster, "left": lambda _: bool(around.left()),
+    }  # fmt: skip
+    gained = ways.get(cheat.kind)
     failed = sorted({outcome.status for outcome in outcomes if outcome.status != "ok"})
     if gained is None:
         flags, better = _scores(outcomes, honest, entries, spool)

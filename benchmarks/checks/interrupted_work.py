@@ -103,8 +103,9 @@ def _scored(folder: Path) -> None:
     shape = (4, 4)
     one: dict[str, Any] = {"range": np.full(shape, 2.0), "sigma": np.full(shape, 0.1), "valid": np.ones(shape, bool)}
     n = len(captures)
-    costs = [[0.1] * n, [0.1] * n, [1.0] * n]
-    write_estimates(folder / "peak.h5", Estimates("peak", IMAGING, [one] * n, *costs, ["ok"] * n, captures.sha256))
+    spent, size = [0.1] * n, [1.0] * n
+    estimates = Estimates("peak", IMAGING, [one] * n, spent, spent, size, ["ok"] * n, captures.sha256)
+    write_estimates(folder / "peak.h5", estimates)
     (folder / "out").mkdir()
     write_text(folder / "out" / "scores.csv", ",".join(COLUMNS) + "\n")
     write_text(folder / "out" / "report.html", "old")

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,8 @@ def _part(name: str, work: Work, kind: str, count: int, rng: np.random.Generator
     with tempfile.TemporaryDirectory(prefix="beambench-interrupt-") as place:
         base = Path(place)
         sound, work_folder = base / "sound", base / "work"
-        _forked(lambda: (sound.mkdir(), work.prepare(sound)))
+        sound.mkdir()
+        _forked(partial(work.prepare, sound))
         shutil.copytree(sound, work_folder)
         calls = NAMES if work.started else CALLS
         first = run_traced(work.words(work_folder), base, calls=calls, started=work.started)

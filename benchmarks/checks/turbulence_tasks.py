@@ -168,7 +168,7 @@ def _flow_lines(captures: int, rng: np.random.Generator) -> bool:
         held = float((np.abs(r0 - true) <= 1.96 * sigma).mean())
         within = _within(told, float(seen[0]["truth_source"].values[0]))
         blur = np.array([gains(one) for one in seen])
-        gain, fitted, over = (_interval(blur[:, at], rng) for at in range(3))
+        gain, fitted, over = (_interval(blur[:, at].tolist(), rng) for at in range(3))
         print(
             f"{flow:g} | {_shown(near, 3)} | {_shown(far, 3)} | {np.median(r0) / true:.2f}, {held:.2f} | {_shown(within, 2)} | "
             f"{_shown(gain, 1)} | {_shown(fitted, 1)} | {_shown(over, 1)} | {blur[:, 3].mean():.1f}, {blur[:, 4].mean():.1f}",

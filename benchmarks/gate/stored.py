@@ -30,7 +30,8 @@ def setting_differs(old: Figures, new: Figures, *, processor: bool) -> str:
     parts: list[tuple[str, dict[str, Any], dict[str, Any]]] = [("", old.head["versions"], new.head["versions"])]
     if processor:
         names = ("processor", "features", "device_class", "threads_per_estimator")
-        parts.append(("", *({k: one.head["machine"].get(k) for k in names} for one in (old, new))))
+        before, after = ({k: one.head["machine"].get(k) for k in names} for one in (old, new))
+        parts.append(("", before, after))
     found = [
         f"{name} {a.get(name, 'unknown')} -> {b.get(name, 'unknown')}"
         for _, a, b in parts
