@@ -133,7 +133,7 @@ def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> 
         for e in sized
     ]  # fmt: skip
     limit = [float(rtol)] if isinstance(rtol, int | float) and rtol > 0 else []
-    lo, hi = log_domain([p["size"] for p in data] + limit)
+    lo, hi = log_domain([max(_size(e), _FLOOR) for e in sized] + limit)
     data = [point | {"from": lo} for point in data]
     scale = alt.Scale(type="log", domain=[lo, hi], nice=False)
     axis = alt.Axis(format="~%" if lo > 1e-5 else "~e", values=log_ticks(lo, hi), labelOverlap=True)
