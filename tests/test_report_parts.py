@@ -114,8 +114,9 @@ def test_many_reliefs_become_coarser() -> None:
 def test_images_profiles_and_wavefronts_have_a_picture() -> None:
     """Of each layout's quantities, those that extend in two directions, whole or reduced to the first frame or return."""
     quantities = {q.name: q for m in LAYOUTS for stage in layout_of(m).stages for q in stage.gives if len(q.dims) > 1}
-    shapes = {"range": (4, 5), "column": (3, 6, 2), "point": (3, 6, 2, 3), "phase": (2, 7, 8)}
-    expected = {"range": (4, 5), "column": (3, 6), "point": (3, 6), "phase": (7, 8)}
+    shapes = {"range": (4, 5), "column": (3, 6, 2), "point": (3, 6, 2, 3), "phase": (2, 7, 8), "image": (2, 9, 5)}
+    expected = {"range": (4, 5), "column": (3, 6), "point": (3, 6), "phase": (7, 8), "image": (9, 5)}
+    shapes["level_point"], expected["level_point"] = shapes["point"], expected["point"]
     for name, quantity in quantities.items():
         index = picture_index(quantity)
         assert (index is not None) == (name in expected), name

@@ -38,8 +38,8 @@ def _matrix(key: tuple[str, ...], rows: list[dict[str, Any]]) -> dict[str, Any]:
     for row in rows:
         a, b, ratio = row["a"], row["b"], row["ratio"]
         cells[a, b] = _cell(ratio, row["ratio_lo"], row["ratio_hi"], row, a)
-        swapped = [1 / v if v else math.nan for v in (ratio, row["ratio_hi"], row["ratio_lo"])]
-        cells[b, a] = _cell(swapped[0], swapped[1], swapped[2], row, b)
+        turned, low, high = (1 / v if v else math.nan for v in (ratio, row["ratio_hi"], row["ratio_lo"]))
+        cells[b, a] = _cell(turned, low, high, row, b)
         if ratio > 0:
             score[a] += math.log(ratio)
             score[b] -= math.log(ratio)

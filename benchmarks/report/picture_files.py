@@ -28,15 +28,15 @@ class Place:
 
 
 #: Dimensions along which neighbours in the array are neighbours in space or time.
-_EXTENDED = {"row", "col", "frame", "pupil_row", "pupil_col"}
+_EXTENDED = {"row", "col", "frame", "pupil_row", "pupil_col", "image_row", "image_col"}
 
 
 def picture_index(quantity: Quantity) -> tuple[Any, ...] | None:
     """Index that reduces an estimate to the picture that a page shows, for all dimensions of the quantity; None without one.
 
-    An image (row, col) and a wavefront (the first frame's pupil) are whole; a line's profiles are the first return of every
-    row, one profile a frame, and of a point the last component (z, its depth). Coefficients, spots and single numbers have
-    no picture.
+    An image (row, col) is whole, of wavefronts and deblurred images the first frame's; a line's profiles are the first return
+    of every row, one profile a frame, and of a point the last component (z, its depth). Coefficients, spots and single
+    numbers have no picture.
     """
     left = [name for name in quantity.element_dims if name != "return"]
     if len(left) == 3 and left[0] == "frame":
