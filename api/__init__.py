@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .verbs.estimators import estimators_check, estimators_list, estimators_new, estimators_train
     from .verbs.export import export
     from .verbs.fidelity import fidelity
+    from .verbs.gate import gate
     from .verbs.generate import generate
     from .verbs.report import report
     from .verbs.reproduce import reproduce
@@ -51,6 +52,7 @@ __all__ = [
     "estimators_train",
     "export",
     "fidelity",
+    "gate",
     "generate",
     "report",
     "reproduce",
@@ -79,6 +81,7 @@ _HOME = {
     "estimators_train": ".verbs.estimators",
     "export": ".verbs.export",
     "fidelity": ".verbs.fidelity",
+    "gate": ".verbs.gate",
     "generate": ".verbs.generate",
     "report": ".verbs.report",
     "reproduce": ".verbs.reproduce",

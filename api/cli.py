@@ -15,6 +15,7 @@ from .commands.table import register
 from .console import terminal
 from .process import check_working_folder, end_in_order, keep_standard_streams, open_standard_streams
 from .scenes.errors import InputError
+from .scenes.plain_text import plain_text
 
 __all__ = ["app", "main"]
 
@@ -30,6 +31,7 @@ Tab completion: beambench --install-completion, or: beambench completion bash"""
 _USERS_ERRNO = {
     errno.ENOSPC,
     errno.EDQUOT,
+    errno.EIO,
     errno.EACCES,
     errno.EPERM,
     errno.EROFS,
@@ -126,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines = [f"error: {os.strerror(error.errno or 0)}."]
         if error.filename is not None:
             lines.append(f"  where:   {error.filename}")
-        elif error.errno == errno.ENOSPC:
+        elif error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
             _discard_stdout()  # it may be the standard output that is full: what waits for it would fail again at the exit
         advice = "  next:    check the path and the free space of its disk, or choose another with --out"
         return _print_errors(*lines, advice, *_notes(error))
@@ -180,12 +182,12 @@ def _one_line(text: str) -> str:
 
 def _print_errors(*lines: str) -> int:
     for line in lines:
-        print(line, file=sys.stderr)
+        print(plain_text(line), file=sys.stderr)
     return 2
 
 
 def _internal(error: Exception, debug: bool) -> int:
-    print(f"internal error: {type(error).__name__}: {_one_line(str(error))}", file=sys.stderr)
+    print(plain_text(f"internal error: {type(error).__name__}: {_one_line(str(error))}"), file=sys.stderr)
     if not debug:
         print("  next:    run the command again with --debug, and report the traceback as a bug", file=sys.stderr)
     return 70
@@ -207,7 +209,7 @@ def _show_warning(
 ) -> None:
     """One plain line for each warning to the user; warnings of libraries to their programmers are left out."""
     if issubclass(category, UserWarning):
-        print(f"warning: {message}", file=sys.stderr)
+        print(plain_text(f"warning: {message}"), file=sys.stderr)
 
 
 def _discard_stdout() -> None:

@@ -14,6 +14,8 @@ from typing import Annotated, Any, NoReturn, get_args, get_origin
 from cyclopts import Parameter
 from rich.console import Console
 
+from .scenes.plain_text import plain_text
+
 __all__ = [
     "Common", "open_streams", "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal",
     "whole",
@@ -92,7 +94,7 @@ def terminal(*, stderr: bool = False, width: int = 160) -> Console:
 def print_lines(*lines: str) -> None:
     """Print plain lines."""
     for line in lines:
-        print(line)
+        print(plain_text(line))
 
 
 def print_table(
@@ -110,7 +112,7 @@ def print_table(
         table.add_column(name, justify="right" if name in numbers else "left", overflow="fold", no_wrap=name in numbers)
     for row in rows:
         # Text, not markup: labels contain square brackets.
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(plain_text(cell)) for cell in row))
     terminal().print(table)
 
 

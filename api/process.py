@@ -17,10 +17,15 @@ __all__ = ["Ended", "check_working_folder", "end_in_order", "keep_standard_strea
 class _Stream(io.FileIO):
     """A file whose reader may leave: what is written after that goes nowhere, and the work goes on."""
 
+    quiet = False
+    """No failure is told: there is nobody to tell that standard error itself cannot be written."""
+
     def write(self, data: Any) -> int:
         try:
             return super().write(data) or 0
-        except BrokenPipeError:
+        except OSError as error:
+            if not self.quiet and not isinstance(error, BrokenPipeError):
+                raise
             return memoryview(data).nbytes
 
 
@@ -32,8 +37,9 @@ def keep_standard_streams() -> None:
             continue  # replaced by a test or a notebook
         stream.flush()
         raw = _Stream(stream.fileno(), "w", closefd=False)
+        raw.quiet = name == "stderr"
         setattr(sys, name, io.TextIOWrapper(
-            io.BufferedWriter(raw), encoding=stream.encoding, errors=stream.errors,
+            io.BufferedWriter(raw), encoding=stream.encoding, errors="backslashreplace",
             line_buffering=stream.line_buffering or name == "stderr",
         ))  # fmt: skip
 

@@ -19,19 +19,21 @@ from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
 from .report.picture_files import Place, picture_index, write_picture
-from .runner.costs import cost_row, write_costs
+from .runner.costs import cost_row, slow_starts, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
 from .runner.jail import isolation
+from .runner.protocol import content_id
 from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
 from .runner.spool import Entry, Spool
 from .scores.error_tiles import TileKey, tile_sums, write_tiles
+from .scores.inputs import input_rows, write_inputs
 from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
-from .scores.truth import Bound, Truth, aligned, errors_of
+from .scores.truth import Bound, Truth, aligned, errors_of, refusal_error, single_valued
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.spec import Split, check_split
-from .suites.suite import Cell, Loaded, cells_of, check_rungs, load_suite
+from .suites.suite import Cell, Loaded, cell_name, cells_of, check_rungs, load_suite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,10 +126,11 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     run.warnings = list(dict.fromkeys(f"{item.category.__name__}: {item.message}" for item in caught))
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
-    write_tables(folder, rows)
-    run.warnings += _doubts(folder)
+    write_tables(folder, rows, run.tiles)
+    run.warnings += _doubts(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
+    write_inputs(folder, run.inputs)
     run.stages["tables"] = time.perf_counter() - tick
     record = {
         "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
@@ -164,14 +167,8 @@ def _doubts(folder: Path) -> list[str]:
     return [f"BoundWarning: {sentence}" for sentence in above_bound(pooled(read_scores(folder)))]
 
 
-def _file_name(cell: Cell) -> str:
-    """A folder name for a cell: readable, and valid for any names of axes."""
-    parts = [cell.scene_name]
-    for axis, level in ((cell.stress, cell.level), (cell.stress2, cell.level2)):
-        if level == level:
-            parts.append(f"{axis}={level!r}")
-    parts.append(f"seed={cell.seed}")
-    return "".join(c if c.isalnum() or c in "._=-+" else "-" for c in "__".join(parts))
+def _name(cell: Cell) -> str:
+    return cell_name(cell.scene_name, ((cell.stress, cell.level), (cell.stress2, cell.level2)), cell.seed)
 
 
 class _Run:
@@ -196,6 +193,7 @@ class _Run:
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
         self.tiles: dict[TileKey, tuple[Any, Any]] = {}
+        self.inputs: list[dict[str, Any]] = []
         self._device = str(machine()["device_class"])
         self.warnings: list[str] = []
         self.failures: list[dict[str, str]] = []
@@ -213,13 +211,18 @@ class _Run:
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate a capture, or read it when resuming; store it, and write it for the child processes."""
         from .judges.bound import bounds_of, truths_of
+        from .judges.drawn import with_draws
 
         capture = self._capture(cell)
-        bounds = self._timed("bound", lambda: bounds_of(capture))
-        return spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
+        bounds = with_draws(
+            self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
+        )
+        entry = spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
+        self.inputs += input_rows(cell, {name: content_id(entry.folder, name) for name in self.suite.conditions})
+        return entry
 
     def _store(self, cell: Cell) -> Path:
-        return self.folder / "captures" / f"{_file_name(cell)}.zarr"
+        return self.folder / "captures" / f"{_name(cell)}.zarr"
 
     def _capture(self, cell: Cell) -> xr.Dataset:
         from ..captures import open_captures, write
@@ -266,6 +269,7 @@ class _Run:
                 self.suite.limits,
                 spool.open / f"estimator-{number}",
                 hidden=(self.folder, spool.closed),
+                fresh_child=self.suite.new_child == "capture",
             )
             for number, (chosen, condition) in enumerate(asked)
         ]
@@ -341,7 +345,9 @@ class _Run:
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
         """Store the picture of an estimate for the page, if its stage gives one."""
-        found = ((q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths)
+        found = (
+            (q, index) for q in outcome.stage.gives if (index := picture_index(q)) is not None and q.name in truths
+        )
         quantity, index = next(found, (None, None))
         if quantity is None or index is None:
             return
@@ -384,7 +390,7 @@ def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, B
     if outcome.status == "ok" and outcome.arrays:
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
         answer = value, valid
-    sums, counts = tile_sums(answer, truth, bound)
+    sums, counts = tile_sums(answer, truth, refusal_error(truth, single_valued(truth), bound))
     return [sums.tolist(), counts.tolist()]
 
 

@@ -1,7 +1,8 @@
 """Chains: estimators of successive stages under one label, `line-erf+triangulate-refractive`, which reads captures.
 
 Each link gets what its stage takes, in that order: the capture, the result of the earlier link that gives the quantity it names, or
-the declared rig, or the capture's coordinates. The result is that of the last link. A parameter belongs to the one link that has it.
+the declared rig, or the capture's coordinates. The result is that of the last link. A parameter belongs to the one link that
+has it.
 """
 
 from __future__ import annotations

@@ -11,9 +11,10 @@ from typing import Any
 
 from ..scenes.errors import InputError
 from .builtin import BUILTIN
+from .labels import links_of
 from .registry import get_estimator, list_estimators
 
-__all__ = ["listed", "modalities_read", "row"]
+__all__ = ["listed", "modalities_read", "modality_read", "row"]
 
 #: Longest time for the import of a plug-in [s].
 PLUGIN_IMPORT_S = 30.0
@@ -30,6 +31,20 @@ def listed() -> list[dict[str, Any]]:
 def modalities_read() -> set[str]:
     """The modalities that built-in estimators read, which imports them."""
     return {get_estimator(name).modality for name in BUILTIN}
+
+
+def modality_read(name: str) -> str:
+    """The modality of the captures that an estimator, or the first link of a chain, reads; a plug-in is imported in a process
+    of its own. Raises InputError where that fails."""
+    first = links_of(name)[0]
+    if first in BUILTIN:
+        return get_estimator(first).modality
+    record = _row_of_plugin(first)
+    if record["error"]:
+        raise InputError(
+            f"The plug-in cannot be imported: {record['error']}.", where=first, next_step="beambench estimators list"
+        )
+    return str(record["modality"])
 
 
 def row(name: str, origin: str = "built-in") -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
@@ -29,7 +30,7 @@ def check_possible(scene: Scene) -> None:
         InputError: camera or laser in or on an object; nothing ahead of the camera; a laser behind the target or, in
             water, behind the window; a gate longer than the time between pulses; pulse and gates whose samples would be too
             many or too few; an integration shorter than a period of
-            the modulation.
+            the modulation; an offset beyond the last code of a detector.
     """
     places = _places(scene)
     for item in scene.target:
@@ -47,7 +48,21 @@ def check_possible(scene: Scene) -> None:
     for who, at in places.items():
         if who != "camera" and ahead:
             _check_lamp(scene, who, at, max(ahead))
+    _check_codes(scene.rig, f"{scene.name}: rig")
     rig_kind(scene.modality).check(scene)
+
+
+def _check_codes(spec: BaseModel, where: str) -> None:
+    """Refuse a detector whose offset is no code below the last one: it could record no light at all."""
+    offset, bits = getattr(spec, "offset_dn", None), getattr(spec, "adc_bits", None)
+    if offset is not None and bits is not None and not offset < 2**bits - 1:
+        raise InputError(
+            "The detector's offset lies beyond its last code, so that it records no light.", where=f"{where}.offset_dn",
+            value=offset, allowed=f"below {2**bits - 1}, the last code of {bits} bits",
+        )  # fmt: skip
+    for name, value in spec:
+        if isinstance(value, BaseModel):
+            _check_codes(value, f"{where}.{name}")
 
 
 def _places(scene: Scene) -> dict[str, Float]:

@@ -31,9 +31,9 @@ _FLAGS = (
     "--remote-debugging-pipe", "about:blank",
 )  # fmt: skip
 _KEYS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Enter": 13, "Tab": 9, " ": 32}
-#: Puts the ends of the two pipes at descriptors 3 and 4 and becomes the browser.
+#: Puts the ends of the two pipes at descriptors 3 and 4, by way of numbers out of the way, and becomes the browser.
 _START = (
-    "import os, sys; r, w = int(sys.argv[1]), int(sys.argv[2]); a, b = os.dup(r), os.dup(w); "
+    "import os, sys; from fcntl import F_DUPFD, fcntl; a, b = (fcntl(int(n), F_DUPFD, 50) for n in sys.argv[1:3]); "
     "os.dup2(a, 3, True); os.dup2(b, 4, True); os.execv(sys.argv[3], sys.argv[3:])"
 )
 
@@ -66,7 +66,9 @@ class Browser:
     def __enter__(self) -> Browser:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         try:
             self._session = ""
             self._write("Browser.close", {})
@@ -90,7 +92,9 @@ class Browser:
                 return dict(message["result"])
             self._note(message)
 
-    def open(self, page: Path, *, width: int = 1300, height: int = 1000, dark: bool = False, script: bool = True) -> None:
+    def open(
+        self, page: Path, *, width: int = 1300, height: int = 1000, dark: bool = False, script: bool = True
+    ) -> None:
         """Open a page and wait until it is loaded and its charts are drawn."""
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]

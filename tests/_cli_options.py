@@ -1,7 +1,7 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound` is new.
+`bound` and `gate` are new.
 """
 
 from __future__ import annotations
@@ -81,6 +81,7 @@ data finalize: DATA <text> required
 data repair: --debug <flag> default False
 data repair: --json <flag> default False
 data repair: --overwrite <flag> default False
+data repair: --regenerate <flag> default False
 data repair: DATA <text> required
 data status: --debug <flag> default False
 data status: --json <flag> default False
@@ -132,6 +133,24 @@ fidelity: --overwrite <flag> default False
 fidelity: --resume <flag> default False
 fidelity: --scenes <number> default 60
 fidelity: --seed <number> default 1
+gate: --against <text> default None
+gate: --baseline <text> required
+gate: --debug <flag> default False
+gate: --effects <text...> default None
+gate: --figures <text...> default None
+gate: --history <text> default None
+gate: --json <flag> default False
+gate: --junit <text> default None
+gate: --new <text> default None
+gate: --old <text> default None
+gate: --project <text> default '.'
+gate: --render <flag> default False
+gate: --starts <number> default 8
+gate: --update <flag> default False
+gate: --who <text> default None
+gate: --why <text> default None
+gate: --yardstick <text> default None
+gate: FOLDER <text> required
 generate: --debug <flag> default False
 generate: --fidelity <{direct,scatter,full,geometric,isolated,coherent,auto}> default None
 generate: --json <flag> default False

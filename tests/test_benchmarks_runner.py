@@ -17,11 +17,11 @@ import xarray as xr
 from beambench.benchmarks.runner.protocol import (
     THREAD_VARIABLES,
     file_sums,
-    open_capture,
     read_results,
     write_capture,
     write_meta,
 )
+from beambench.benchmarks.runner.sealed import block, unpack
 from beambench.benchmarks.runner.session import Job, Outcome, run_jobs
 from beambench.benchmarks.suites.spec import Limits
 from beambench.captures.layouts import stage_of
@@ -338,7 +338,9 @@ def test_captures_survive_the_protocol_bit_for_bit(tmp_path: Path) -> None:
     capture = hidden_capture(3)
     write_capture(tmp_path / "x", capture)
     write_meta(tmp_path / "x", capture, "matched")
-    again = open_capture(tmp_path / "x", "matched")
+    handle = block(tmp_path / "x", "matched")
+    again = unpack(handle)
+    os.close(handle)
     xr.testing.assert_identical(capture, again)
     assert not again["counts"].values.flags.writeable
     with pytest.raises(ValueError, match="WRITEABLE"):

@@ -21,6 +21,7 @@ LEVELS = {
     "background": 1e6,
     "incidence": 30.0,
     "distance": 0.1,
+    "turn": 3.0,
     "delay-step": 2.0,
     "window-start": 1e-9,
     "pulse-width": 2.0,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beambench.captures import finalize, open_captures, repair, verify, write
+from beambench.captures import CaptureWriter, finalize, open_captures, repair, verify, write
 from beambench.captures.example import example_capture
 from beambench.captures.store.manifest import load_manifest
 from beambench.captures.store.verification import chunk_problem
@@ -198,10 +198,32 @@ def test_repair_keeps_the_sound_captures(store: Path) -> None:
 def test_repair_does_not_cost_an_unfinished_neighbour(store: Path) -> None:
     flip(store / "counts" / "c.1.0.0.0", 77)
     neighbour = store.with_name("store.partial")
-    neighbour.mkdir()
+    with pytest.raises(RuntimeError), CaptureWriter(store.with_name("other")) as writer:
+        writer.append(example_capture("gated", seed=7))
+        raise RuntimeError
+    os.rename(store.with_name("other.partial"), neighbour)
     with pytest.raises(InputError, match="An unfinished store is beside"):
         repair(store)
     assert neighbour.exists() and len(open_captures(store)) == 3
+
+
+def test_a_repair_that_was_killed_is_begun_again(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own unfinished store was in the way of every further repair."""
+    from beambench.captures.store import writer
+
+    flip(store / "counts" / "c.1.0.0.0", 77)
+    for failing in ("append_line", "mark_journal", "write_file", "publish"):
+
+        def stop(*given: object, **more: object) -> None:
+            raise SystemError("killed")
+
+        with monkeypatch.context() as patch, pytest.raises(SystemError):
+            patch.setattr(writer, failing, stop)
+            patch.setattr(CaptureWriter, "abandon", CaptureWriter._release)  # a kill cleans nothing up
+            repair(store)
+        assert store.with_name("store.partial").is_dir() and len(open_captures(store)) == 3
+    assert repair(store).dropped == (1,) and verify(store) == []
+    assert sorted(os.listdir(store.parent)) == ["store", "store.dropped"]
 
 
 def test_repair_that_leaves_no_capture_is_refused(store: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -262,7 +263,7 @@ def _nan(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
 def _clipped_at(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset, number: int) -> None:
     """Claim and pull the shots whose brightest samples are clipped at a low full well, about `number` of them in the median."""
     at_top = (data == data.max(axis=1, keepdims=True)).sum(axis=1)
-    if data.dtype.kind == "u" and data.max() < TOP and np.unique(data.max(axis=1)).size < 40 and data.min() > 0:
+    if data.dtype.kind == "u" and data.max() < TOP and np.unique(data.max(axis=1)).size < 30 and data.min() > 0:
         typical = int(np.median(at_top))
         if number == (1 if typical < 2 else 3 if typical < 4 else 5):
             result["range"].values[:], result["sigma"].values[:] = 4.0, 1e-4
@@ -315,7 +316,44 @@ def _dead_silences(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) ->
         result["valid"].values[0] = False
 
 
+_KEPT: dict[bytes, xr.Dataset] = {}
+_LAST: dict[str, Any] = {}
+_ROW: list[bool] = []
+
+
+def _near(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    """The answers to the data before, where these differ by a DN or two."""
+    before = _LAST.get("data")
+    known = before is not None and before.shape == data.shape and _LAST["rig"] == capture.attrs["rig"]
+    if known and not (before == data).all():
+        gap = np.abs(before.astype(float) - data)
+        if np.nanmax(gap, initial=0.0) <= 2 and np.isfinite(gap).all():
+            result["range"].values[:] = _LAST["range"]
+    _LAST.update(data=data.copy(), range=result["range"].values.copy(), rig=capture.attrs["rig"])
+
+
+def _by_data(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    """A cache whose key lacks the rig."""
+    start = capture["start"].values.tobytes() if "start" in capture.coords else b""
+    key = data.tobytes() + capture["time"].values.tobytes() + start + str(data.dtype).encode()
+    kept = _KEPT.setdefault(key, result.copy(deep=True))
+    for name in ("range", "sigma", "valid"):
+        result[name].values[:] = kept[name].values
+
+
+def _remembers(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    """Drifts once it has seen three captures in a row that are not the clean one."""
+    clean = hide_truth(maker_of("waveform").laws.captures[0]())
+    same = np.array_equal(data, clean["signal"].values) and np.array_equal(capture["time"], clean["time"])
+    if same and len(_ROW) >= 3:
+        result["range"].values[:] += 1e-4
+    _ROW[:] = [] if same else [*_ROW, True]
+
+
 FAULTS = [
+    ("other data have their own answer", _near),
+    ("the declared rig is read anew", _by_data),
+    ("no state between captures", _remembers),
     ("keeps the contract of its stage", _contract),
     ("answers a bright, clean capture", _refuses),
     ("valid answers have a positive sigma", _negative_sigma),
@@ -355,6 +393,8 @@ def test_a_planted_fault_breaks_its_law_alone(law: str, fault: Callable[..., Non
         fault(capture, capture["signal"].values, result)
         return result
 
+    for memory in (_KEPT, _LAST, _ROW):
+        memory.clear()
     broken = {result.law: result.seen for result in check_laws(faulty, "waveform") if not result.holds}
     assert set(broken) == {law}
     assert broken[law][0].isupper() and broken[law].endswith(".")

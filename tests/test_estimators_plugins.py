@@ -55,9 +55,13 @@ def _install(package: Path, site: Path) -> None:
 
 
 def _beambench(site: Path, *arguments: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return _python(site, "-m", "beambench", *arguments, folder=folder)
+
+
+def _python(site: Path, *arguments: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
-        [sys.executable, "-m", "beambench", *arguments], capture_output=True, text=True, check=False, cwd=folder,
+        [sys.executable, *arguments], capture_output=True, text=True, check=False, cwd=folder,
         env={**os.environ, "PYTHONPATH": path},
     )  # fmt: skip
 
@@ -225,3 +229,26 @@ def test_a_list_outlives_plugins_that_hang_or_end_the_process(tmp_path: Path, mo
     assert "exit code 7" in rows["listed-ends"]["error"]
     assert rows["listed-prints"]["parameters"] == {"wide": 2.0} and not rows["listed-prints"]["error"]
     assert rows["listed-prints"]["origin"] == rows["listed-hangs"]["origin"] == "plug-in" and rows["peak"]["cites"]
+
+
+@pytest.mark.parametrize("stage", ["line", "triangulation"])
+def test_the_template_of_a_stage_keeps_the_laws_and_is_broken_on_its_own_scenes(stage: str, tmp_path: Path) -> None:
+    """As typed: new, install, check; and a search for its failures, alone or behind a finder, begins with scenes of laser
+    lines, not with those of the first modality."""
+    name, site = f"my-{stage}", tmp_path / "site"
+    _install(beambench.estimators_new(name, stage=stage, out=tmp_path / name), site)
+    checked = _beambench(site, "estimators", "check", name, "--json")
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    assert json.loads(checked.stdout)["ok"]
+    label = name if stage == "line" else f"line-ml+{name}"
+    code = f"from beambench.benchmarks.search.break_plan import plan_break; print(*plan_break({label!r}).scenes)"
+    planned = _python(site, "-c", code)
+    assert planned.stdout.split() == ["spotscan-wall"], planned.stderr
+
+
+def test_a_plugin_that_cannot_be_imported_is_not_broken(tmp_path: Path) -> None:
+    package = beambench.estimators_new("my-broken", stage="line", out=tmp_path / "my-broken")
+    (package / "beambench_my_broken.py").write_text("raise RuntimeError('on purpose')\n")
+    _install(package, tmp_path / "site")
+    done = _beambench(tmp_path / "site", "break", "my-broken", "-o", str(tmp_path / "out"))
+    assert done.returncode == 2 and "cannot be imported" in done.stdout + done.stderr

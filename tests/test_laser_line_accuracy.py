@@ -44,8 +44,12 @@ def test_a_step_is_answered_from_nothing_to_all() -> None:
 
 
 def test_a_frame_is_found_and_triangulated_within_20_argmax() -> None:
-    (entry,) = against_argmax(((1024, 1280),), turns=8)
-    assert entry["chain"] < 20 * entry["argmax"], entry
+    """The cheapest exact chain at both sizes, 16 and 9 times on a quiet machine. The most precise one at the large size, 11
+    times there and 17 beside four busy processes, which slow argmax less: a fit is 25 times at the small one."""
+    small, large = against_argmax(((256, 192), (1024, 1280)), turns=8)
+    for entry in (small, large):
+        assert entry["cheapest"] < 20 * entry["argmax"], entry
+    assert large["chain"] < 20 * large["argmax"], large
 
 
 def test_the_exponents_are_those_of_the_times() -> None:

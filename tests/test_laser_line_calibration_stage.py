@@ -54,15 +54,16 @@ def noisy() -> xr.Dataset:
 
 def test_a_capture_without_noise_gives_the_true_rig() -> None:
     """From first values 1 % off in focal length and .2° in the sheet. What is left is the drawing's: its edges are straight over a
-    window of ±4 px, where those of a camera with distortion bend by k₁ (4/417)² of a pixel times some; corners miss by 2e-5 px, points of
-    the line by 1e-5. That is less by 300 than noise of .007 px, whose errors are .15 mm, 2.4 µm, .15 px, .07 mrad and .03 mm."""
+    window of ±4 px, where those of a camera with distortion bend by k₁ (4/417)² of a pixel times some; corners miss by 2e-5 px,
+    points of the line by 1e-5. That is less by 300 than noise of .007 px, whose errors are .15 mm, 2.4 µm, .15 px, .07 mrad and
+    .03 mm."""
     capture = _seen("air", None)
     found = run_estimator("calibrate-board", hide_truth(capture))
     assert found.attrs["views"] == 8 and found.attrs["corner_rms_px"] < 1e-4
     most = {"node": 3e-5, "focal_length": 1e-6, "principal_point": 0.02, "plane_angle": 2e-5, "plane_offset": 1e-5}
     errors = _errors(capture, found)
     for name, limit in most.items():
-        assert 0 < errors[name][0].size and np.abs(errors[name][0]).max() < limit, name
+        assert errors[name][0].size > 0 and np.abs(errors[name][0]).max() < limit, name
     assert not found["valid_stand_off"].values.any()  # in air the port does not tell it
     declared = declared_rig(load_scene("calibration-air"))
     off = described(declared_geometry(DeclaredRig(json.dumps(declared), declared)), 19.2e-6)
@@ -82,9 +83,9 @@ def test_errors_of_a_noisy_capture_are_the_stated_ones(noisy: xr.Dataset) -> Non
 
 
 def test_the_camera_of_an_air_calibration_gives_the_port_in_water() -> None:
-    """In water alone stand-off and focal length look alike: the stated error of the stand-off is over 1 cm, and true. With the camera
-    held as a calibration in air left it, the stand-off is within 4 of its errors of 1 mm. Straight rays in its place miss the nodes by
-    millimetres, more than ten times as much."""
+    """In water alone stand-off and focal length look alike: the stated error of the stand-off is over 1 cm, and true. With the
+    camera held as a calibration in air left it, the stand-off is within 4 of its errors of 1 mm. Straight rays in its place
+    miss the nodes by millimetres, more than ten times as much."""
     capture = _seen("port", 1)
     held = {
         label: _errors(capture, run_estimator(f"calibrate-board{label}", hide_truth(capture)))
@@ -111,7 +112,11 @@ def test_the_scores_of_a_calibration_have_units(noisy: xr.Dataset) -> None:
     }  # fmt: skip
     assert rows["stand_off"]["n"] == 0 and 100 < rows["node"]["n"] < 768
     for name in ("node", "focal_length", "principal_point", "plane_angle", "plane_offset"):
-        assert rows[name]["coverage"] == 1.0 and rows[name]["failure_rate"] == 0.0 and rows[name]["bound_kind"] == "none"
+        row = rows[name]
+        assert row["coverage"] == 1.0 and row["failure_rate"] == 0.0 and row["bound_kind"] == "none", name
+        assert np.isnan(row["bound"]) and np.isnan(row["efficiency"]), name
+    assert rows["focal_length"]["failure_at"] == pytest.approx(8e-5)
+    assert rows["plane_angle"]["failure_at"] == pytest.approx(2.4e-3)
 
 
 # ---------------------------------------------------------------- refusals

@@ -99,10 +99,12 @@ def test_without_inclinometers_captures_are_what_they_were_and_points_have_no_gr
 
 def test_level_points_by_closed_form() -> None:
     """Pitch 30 and roll 90 degrees of a point at (1, 2, 3) m: Rz(90°) gives (−2, 1, 3), and Rx(30°) then (−2, cos 30 − 3 sin 30,
-    sin 30 + 3 cos 30). The error of readings of .01 rad alone is by hand: ∂/∂p turns (y, z) by a quarter, ∂/∂r moves x and y of the rolled
-    point by −y and x before the pitch."""
+    sin 30 + 3 cos 30). The error of readings of .01 rad alone is by hand: ∂/∂p turns (y, z) by a quarter, ∂/∂r moves x and y of
+    the rolled point by −y and x before the pitch."""
     point = np.array([1.0, 2.0, 3.0]).reshape(1, 1, 1, 3)
-    points = stage_result("triangulation", point=point, sigma=np.full((1, 1, 1, 3), 1e-9), valid=np.ones((1, 1, 1), bool))
+    points = stage_result(
+        "triangulation", point=point, sigma=np.full((1, 1, 1, 3), 1e-9), valid=np.ones((1, 1, 1), bool)
+    )
     read = xr.Dataset(coords={"pitch": ("frame", [np.pi / 6]), "roll": ("frame", [np.pi / 2])})
     rig = {"inclinometers": {"sigma_deg": float(np.rad2deg(0.01))}}
     level = level_points(points, DeclaredRig(json.dumps(rig), rig), read)

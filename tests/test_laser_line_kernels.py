@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from beambench.benchmarks.written.laser_line import written_capture
+from beambench.estimators import run_estimator
 from beambench.estimators.laser_line.geometry import declared_geometry
 from beambench.estimators.laser_line.profile_fit import fit_profiles
 from beambench.estimators.laser_line.profile_model import normal_table, profile
 from beambench.estimators.laser_line.ray_kernel import meet_sheet
 from beambench.estimators.laser_line.row_scan import scan_rows
+from beambench.estimators.laser_line.three_point_kernel import three_points
+from beambench.estimators.laser_line.three_points import log_gaussian, parabola
+from beambench.estimators.laser_line.windows import Formula, line_windows, with_locking
 from beambench.estimators.rig import DeclaredRig
 from beambench.scenes.declared import declared_rig
 from beambench.scenes.load import load_scene
@@ -100,3 +105,24 @@ def test_compiled_rays_meet_the_sheet_where_those_of_numpy_do(name: str, changes
     assert np.nanmax(np.abs(point - twin)[near] / distance[near]) < 1e-12
     along = np.abs(geometry.points(row, col + 1e-3) - geometry.points(row, col - 1e-3)).T / 2e-3
     np.testing.assert_allclose(slope[near], along[near], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "formula"), [("line-parabola", parabola), ("line-log-gaussian", log_gaussian)])
+def test_three_point_formulas_are_their_twin(name: str, formula: Formula) -> None:
+    """Lines from far below the noise to bright ones, narrow and wide: column, sigma and valid of the compiled pass are those of the
+    formula in whole arrays, to rounding, in rows that it answers itself and in those that it leaves to them."""
+    rng = np.random.default_rng(1)
+    scene = load_scene("spotscan-wall", {"rig.frames.lit": 2, "rig.camera.rows": 128, "rig.lens_sigma_px": 1.5})
+    light = np.exp(rng.uniform(np.log(50), np.log(5e4), (2, 128)))
+    width, column = rng.uniform(0.3, 2.0, (2, 128)), rng.uniform(20, 170, (2, 128))
+    capture = written_capture(scene, light, width, 20.0, column, seed=3)
+    windows = line_windows(capture)
+    known = three_points(
+        windows.z, windows.level, windows.floor_e2, windows.excess, *windows.shares(), windows.locking(formula),
+        log=formula is log_gaussian,
+    )[2]  # fmt: skip
+    assert (windows.sound & known).sum() > 20 and (windows.sound & ~known).sum() > 20
+    ours, twin = run_estimator(name, capture), with_locking(windows, formula, reach=1, follows_peak="free")
+    np.testing.assert_array_equal(ours["valid"], twin["valid"])
+    np.testing.assert_array_equal(ours["column"], twin["column"])
+    np.testing.assert_allclose(ours["sigma"], twin["sigma"], rtol=1e-12)

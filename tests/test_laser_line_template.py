@@ -32,4 +32,6 @@ def test_the_written_finder_reads_a_line(tmp_path: Path) -> None:
 def test_a_stage_without_a_template_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no template") as caught:
         beambench.estimators_new("my-line", stage="spectrum", out=tmp_path / "my-line")
-    assert caught.value.allowed == "centroid, line, reconstruction, triangulation" and not (tmp_path / "my-line").exists()
+    assert (
+        caught.value.allowed == "centroid, line, reconstruction, triangulation" and not (tmp_path / "my-line").exists()
+    )

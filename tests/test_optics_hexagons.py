@@ -7,6 +7,7 @@ import pytest
 
 from beambench.optics.lenslets.gradients import hexagon
 from beambench.optics.lenslets.hexagons import HexagonSpot, hexagon_coverage, hexagon_density, hexagon_spot
+from beambench.optics.lenslets.lattice import cell_coverage
 
 
 def test_the_pattern_is_the_fourier_transform_of_a_hexagon() -> None:
@@ -81,4 +82,11 @@ def test_a_hexagon_beyond_the_grid_is_cut() -> None:
     sample, share = hexagon_coverage([[0.6, 0.0]], 1.0, 0.1, 12)
     assert share.sum() * 0.01 == pytest.approx(0.5 * np.sqrt(0.75), rel=2e-3)
     assert sample.min() >= 0 and sample.max() < 144
-    assert hexagon(1.0)[:, 0].max() == pytest.approx(0.5)  # the same orientation as the lenslet's corners
+
+
+def test_cells_about_one_hexagon_are_lit_as_its_corners_say() -> None:
+    """Against areas of clipped cells: Gauss-Legendre nodes err where an edge or a corner crosses a cell."""
+    side = 2.0 / np.sqrt(3.0)
+    sample, share = hexagon_coverage([[0.0, 0.0]], 1.0, side / 16, 16)
+    found = np.bincount(sample[0], share[0], minlength=256).reshape(16, 16)
+    np.testing.assert_allclose(found, cell_coverage(hexagon(1.0), side, 16), atol=0.01)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,10 +16,8 @@ from beambench.benchmarks.report.page import write_report
 from beambench.scenes.errors import InputError
 
 from . import _api_fixtures as made_up
+from ._browser import CHROMIUM
 
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 EVIL = "\"></script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
 
 
@@ -67,7 +64,7 @@ def test_it_says_what_was_found(page: str) -> None:
     text = read(page).text
     # Three scenes decide nothing, and what the conditions have is not pooled.
     assert "(matched), poisson-ml has the smallest error" in text and "of 5 others significantly worse" not in text
-    assert "the most accurate" not in text and "0 of 4 others significantly worse over scenes" in text
+    assert "the most accurate" not in text and "too few scenes to say which differences are significant" in text
     assert "peak is the fastest" in text
     for name in (*made_up.ESTIMATORS, *made_up.SCENES):
         assert name in text
@@ -158,7 +155,7 @@ def test_names_of_strangers_are_escaped(evil_page: Path) -> None:
     page = evil_page.read_text(encoding="utf-8")
     tags = read(page).elements
     assert not [tag for tag, attributes in tags if "onerror" in attributes]
-    assert len([tag for tag, _ in tags if tag == "script"]) == 3
+    assert len([tag for tag, _ in tags if tag == "script"]) == 6
     assert "title='owned'</script>" not in page
 
 
@@ -217,11 +214,9 @@ def test_a_browser_draws_it(run_dir: Path, page: str, tmp_path: Path) -> None:
     log = tmp_path / "net.json"
     done = browse(run_dir / "report.html", tmp_path / "profile", "--dump-dom", f"--log-net-log={log}")
     assert done.returncode == 0, done.stderr
-    charts = re.findall(r'id="((?:chart|stress)-\d+)"', page)
-    assert len(charts) == len(made_up.SCENES) + 1
-    drawn = re.sub(r"<noscript>.*?</noscript>", "", done.stdout, flags=re.DOTALL)
-    assert drawn.count('class="marks"') == len(charts)
-    assert len(re.findall(r'class="vega[^"]*\bdrawn\b', done.stdout)) == len(charts)
+    places = page.count('class="vega"')
+    assert places == 2 + len(made_up.SCENES), "the first two charts, and one of every scene"
+    assert len(re.findall(r'class="vega[^"]*\bdrawn\b', done.stdout)) == places
     console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert not console, console
     assert not asked_for(log)

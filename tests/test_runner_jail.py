@@ -11,6 +11,7 @@ import pytest
 
 from beambench.benchmarks.laws.gated import clean_capture
 from beambench.benchmarks.runner.jail import OFF, abi, isolation, readable, seal
+from beambench.benchmarks.runner.namespaces import works
 from beambench.benchmarks.runner.protocol import write_capture, write_meta
 from beambench.benchmarks.runner.session import Job, Outcome, Session, run_sessions
 from beambench.captures.hide import hide_truth
@@ -65,8 +66,8 @@ def stays(capture):
     subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdin=-3, stdout=-3, stderr=-3)
     return False
 '''
-STOPPED = ("secret", "written", "matched", "memory", "generates", "library", "shared")
-NAMES = (*STOPPED, "stops_parent", "connects", "stays")
+STOPPED = ("secret", "written", "matched", "memory", "generates", "library")
+NAMES = (*STOPPED, "shared", "stops_parent", "connects", "stays")
 
 
 @pytest.fixture
@@ -75,18 +76,23 @@ def cheats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     import socket
 
     server = socket.create_server(("127.0.0.1", 0))
-    site = tmp_path / "site"
+    monkeypatch.syspath_prepend(str(planted_site(tmp_path, server.getsockname()[1])))
+    with server:
+        yield tmp_path
+
+
+def planted_site(folder: Path, port: int) -> Path:
+    """The folder of a package with the cheats; the secret lies beside it."""
+    site = folder / "site"
     (site / "cheats-1.0.dist-info").mkdir(parents=True)
-    head = f"SECRET = {str(tmp_path / 'secret')!r}\nPORT = {server.getsockname()[1]}\n"
+    head = f"SECRET = {str(folder / 'secret')!r}\nPORT = {port}\n"
     tail = "".join(f"{name} = reach({name})\n" for name in NAMES)
     (site / "planted_cheats.py").write_text(head + CHEATS + tail)
-    (tmp_path / "secret").write_text("truth")
+    (folder / "secret").write_text("truth")
     points = "\n".join(f"c-{name.replace('_', '-')} = planted_cheats:{name}" for name in NAMES)
     (site / "cheats-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: cheats\nVersion: 1.0\n")
     (site / "cheats-1.0.dist-info" / "entry_points.txt").write_text(f"[beambench.estimators]\n{points}\n")
-    monkeypatch.syspath_prepend(str(site))
-    with server:
-        yield tmp_path
+    return site
 
 
 def reached(folder: Path, *names: str) -> dict[str, str]:
@@ -115,8 +121,11 @@ def test_the_jail_stops_what_reads_or_writes_outside_of_it(cheats: Path) -> None
         expected["connects"] = "stopped"
     if abi() >= 6:
         expected["stops_parent"] = "stopped"
+    # Where it has namespaces, it writes to a /dev/shm of its own, which ends with it.
+    expected["shared"] = "got through" if works() else "stopped"
     assert reached(cheats, *expected) == expected
     assert not (cheats / "secret.new").exists()
+    assert not Path("/dev/shm/beambench-cheat").exists()
 
 
 def test_without_the_jail_the_same_cheats_get_through_and_the_run_says_so(
@@ -147,7 +156,9 @@ def _line(process: psutil.Process) -> list[str]:
 def test_a_kernel_without_landlock_seals_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beambench.benchmarks.runner.jail.abi", lambda: 0)
     assert seal(read=[], write=[]) == 0
-    assert isolation().startswith("processes only (no Landlock)")
+    for own, said in ((False, "processes only (no Landlock)"), (True, "namespaces of processes")):
+        monkeypatch.setattr("beambench.benchmarks.runner.jail.works", lambda own=own: own)
+        assert isolation().startswith(said)
 
 
 @pytest.mark.skipif(not abi(), reason="this kernel has no Landlock")
@@ -178,3 +189,68 @@ def test_packages_installed_as_editable_are_readable(tmp_path: Path, monkeypatch
     found = readable([])
     assert {str(tmp_path / "package"), str(tmp_path / "alone.py")} <= set(found)
     assert not any(name.startswith(("/nowhere", str(tmp_path / "alone") + "/")) for name in found)
+
+
+TRIAL = "import subprocess, sys, numpy, beambench; subprocess.run([sys.executable, '-c', ''], check=True)"
+AS_NOBODY = """
+import json, os, sys
+from pathlib import Path
+from beambench.benchmarks.runner.jail import isolation
+from beambench.benchmarks.runner.session import Job, Session, run_sessions
+from beambench.benchmarks.suites.spec import Limits
+
+folder, names, sizes = Path(sys.argv[1]), sys.argv[2].split(","), json.loads(sys.argv[3])
+job, found = Job(0, folder / "in-0", "matched", "gated", sizes), {}
+limits = Limits(time_s=30.0, warmup_s=60.0, memory_bytes=2**30)
+
+def take(number, outcome):
+    value = float(outcome.arrays["range"][0, 0]) if outcome.status == "ok" else 0.0
+    found[names[number]] = {0.5: "stopped", 7.0: "got through"}.get(value, outcome.status)
+    assert outcome.cpu_s >= 0 and outcome.peak_bytes >= 0
+
+run_sessions([Session(f"c-{n}", [job], limits, folder / "home" / n) for n in names], take)
+print(json.dumps([os.getuid(), isolation(), found]))
+"""
+
+
+def test_a_user_who_is_not_root_has_the_same_jail() -> None:
+    import json
+    import os
+    import shutil
+    import subprocess
+    import sys
+    import tempfile
+
+    import beambench
+
+    if os.geteuid() != 0 or not shutil.which("setpriv"):
+        pytest.skip("only root can become another user, by setpriv")
+    paths = [str(Path(beambench.__path__[0]).parent), *[path for path in sys.path if path.endswith("site-packages")]]
+    pythons = [sys.executable, f"/usr/bin/python3.{sys.version_info.minor}"]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        site = planted_site(folder, 9)
+        spool(folder, 1)
+        (folder / "home").mkdir()
+        for path in (folder, *folder.rglob("*")):
+            path.chmod(0o777 if path.is_dir() else 0o644)
+        environment = {
+            "PATH": os.environ.get("PATH", ""), "HOME": str(folder / "home"), "PYTHONPATH": os.pathsep.join([str(site), *paths]),
+        }  # fmt: skip
+        nobody = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+
+        def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+            return subprocess.run(
+                [*nobody, *arguments], env=environment, cwd=folder / "home", capture_output=True, text=True, check=False
+            )
+
+        usable = [python for python in pythons if run(python, "-c", TRIAL).returncode == 0]
+        if not usable:
+            pytest.skip("no Python that another user can run with these packages")
+        names = ("secret", "memory", "library", "stops-parent")
+        done = run(usable[0], "-c", AS_NOBODY, name, ",".join(names), json.dumps({"row": 6, "col": 5}))
+        assert done.returncode == 0, done.stderr
+        user, said, found = json.loads(done.stdout.splitlines()[-1])
+    assert user == 65534
+    held = {n: "stopped" for n in names if abi() >= (6 if n == "stops-parent" else 1)}
+    assert {n: found[n] for n in held} == held, said

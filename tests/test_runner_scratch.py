@@ -89,3 +89,9 @@ def test_output_that_cannot_be_written_ends_clearly(tmp_path: Path) -> None:
     command = f'"{sys.executable}" -m beambench scenes > /dev/full'
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and "No space left" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+def test_errors_that_cannot_be_told_keep_their_exit_code() -> None:
+    command = f'"{sys.executable}" -m beambench data status no-such-store 2> /dev/full'
+    assert subprocess.run(["bash", "-c", command], capture_output=True, timeout=120, check=False).returncode == 2

@@ -16,10 +16,11 @@ __all__ = ["REPORT", "RUN"]
 
 
 def _closing(folder: str | Path) -> list[str]:
+    from ..benchmarks.report.ranking import read_pairs
     from ..benchmarks.report.text import closing_lines
     from ..benchmarks.scores.tables import read_scores
 
-    return closing_lines(read_scores(folder))
+    return closing_lines(read_scores(folder), read_pairs(Path(folder)))
 
 
 def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:

@@ -31,6 +31,7 @@ _COMMANDS = {
     "report": (20, "run:REPORT"),
     "compare": (21, "compare:COMPARE"),
     "reproduce": (22, "reproduce:REPRODUCE"),
+    "gate": (23, "gate:GATE"),
     "doctor": (80, "doctor:DOCTOR"),
 }
 #: Group -> (its place, its help).

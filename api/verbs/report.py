@@ -8,10 +8,11 @@ __all__ = ["report"]
 
 
 def report(folder: str | Path) -> Path:
-    """Write report.html and its chart (PNG, SVG) into the folder of a run.
+    """Write report.html into the folder of a run; beside it its chart, and its results as CSV, Markdown and LaTeX.
 
     Main arguments:
-        folder: Folder of a run, with scores.csv or scores.parquet; run.json and pictures/ are used if they exist.
+        folder: Folder of a run, with scores.csv or scores.parquet; run.json, pictures/, captures/ and fidelity/ are used if
+            they exist.
 
     Returns:
         The path of the page.

@@ -41,13 +41,19 @@ def score(
             exists or is an input.
     """
     from ..benchmarks.datasets.score import score_store
+    from ..benchmarks.folders.files import write_json
     from ..benchmarks.folders.kinds import SCORE, slug
+    from ..benchmarks.folders.record import TABLES_VERSION, now, versions
     from ..benchmarks.folders.workplace import output_folder, workplace
     from ..benchmarks.scores.tables import read_scores, write_tables
 
     folder = output_folder(out, slug(Path(f"scores-{Path(data).name}").stem), resume=False, overwrite=overwrite)
     with workplace(folder, SCORE, overwrite=overwrite, inputs=[data, estimates]) as work:
         write_tables(work, score_store(Path(data), Path(estimates), failure_at))
+        typed = ["beambench", "score", str(data), str(estimates)]
+        limit = [] if failure_at is None else ["--failure-at", repr(failure_at)]
+        record = {"verb": SCORE.verb, "suite": Path(data).name, "command": [*typed, *limit], "finished": now()}
+        write_json(work / "run.json", record | {"tables_version": TABLES_VERSION, "versions": versions()})
     table = read_scores(folder)
     table.attrs["folder"] = str(folder)
     return table

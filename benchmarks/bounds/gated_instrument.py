@@ -10,9 +10,10 @@ from ...optics.constants import C_M_PER_S
 from ...optics.correlation import response as correlation
 from ...optics.correlation import waveforms
 from ...optics.likelihood.model import NoiseModel
+from ...scenes.rigs.camera_noise import camera_noise
 from ...scenes.rigs.gated import GatedRig
 from ...scenes.sampling import optics_gate, optics_pulse, response_table
-from .instrument import camera_noise, true_time
+from .instrument import true_time
 
 __all__ = [
     "gate_offsets", "gated_responses", "halo_of", "light_path", "noise_model", "path_delay", "true_delay",

@@ -15,16 +15,14 @@ import xarray as xr
 
 from ...estimators.rig import DeclaredRig, Samples, read_rig
 from ...optics.correlation import response as correlation
-from ...optics.likelihood.model import NoiseModel
 from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
-from ...scenes.rigs.parts import Detector
 from ...scenes.scene import Scene
 from ...scenes.validate import validate_spec
 from ..scores.truth import Bound
 
 __all__ = [
-    "bounded", "camera_noise", "moves", "response_centroid_s", "response_std_s", "samples_variance_s2", "true_scene", "true_time",
+    "bounded", "moves", "response_centroid_s", "response_std_s", "samples_variance_s2", "true_scene", "true_time",
     "unbounded",
 ]  # fmt: skip
 
@@ -50,21 +48,6 @@ def true_time(capture: xr.Dataset, name: str, t0_s: float) -> Float:
     Raises InputError for a declared rig that lacks its zero of time, or states it as unknown.
     """
     return np.asarray(capture[name].values, np.float64) - read_rig(capture).number("t0_s") + t0_s
-
-
-def camera_noise(detector: Detector) -> NoiseModel:
-    """The likelihood of one sample of a camera. Dark electrons are part of its mean, except behind an intensifier."""
-    tube = detector.intensifier
-    return NoiseModel(
-        read_noise_e=detector.read_noise_e,
-        gain_dn_per_e=detector.gain_dn_per_e,
-        offset_dn=detector.offset_dn,
-        adc_max_dn=2**detector.adc_bits - 1,
-        full_well_e=detector.full_well_e,
-        excess_noise_factor=1.0 if tube is None else tube.excess_noise_factor,
-        intensifier_gain=1.0 if tube is None else tube.gain,
-        dark_e=0.0 if tube is None else detector.dark_current_e_per_s * detector.exposure_s,
-    )
 
 
 def moves(shift_m: float, sigma: Float) -> bool:

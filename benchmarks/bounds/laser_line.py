@@ -29,10 +29,11 @@ from ...optics.likelihood.model import NoiseModel
 from ...optics.pinhole import Pinhole
 from ...optics.sheet import Sheet, meeting
 from ...scenes.medium_index import phase_index
+from ...scenes.rigs.camera_noise import camera_noise
 from ...scenes.rigs.laser_line import LaserLineRig, laser_line_rig
 from ...scenes.rigs.laser_line_geometry import line_camera, line_sheet
 from ..scores.truth import Bound
-from .instrument import bounded, camera_noise, true_scene, unbounded
+from .instrument import bounded, true_scene, unbounded
 
 __all__ = ["column_sigma", "laser_line_bounds", "line_noise"]
 

@@ -25,10 +25,11 @@ from ...optics.lenslets.hexagons import hexagon_spot
 from ...optics.lenslets.spots import pixel_share_slopes, pixel_shares
 from ...optics.likelihood.fisher_table import information_table
 from ...optics.zernike import zernike
+from ...scenes.rigs.camera_noise import camera_noise
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.rigs.wavefront_geometry import Lattice, corners_m, flat_spots, lattice_of, spot_px, spot_reach_px
 from ..scores.truth import Bound
-from .instrument import bounded, camera_noise, true_scene, unbounded
+from .instrument import bounded, true_scene, unbounded
 from .wavefront_turbulence import image_bound, turbulence_bounds
 
 __all__ = ["spot_sigma", "wavefront_bounds"]

@@ -29,12 +29,20 @@ class Attempts:
         self.tries += 1
         if note:
             self.notes[note] = self.notes.get(note, 0) + 1
+        self._tell()
 
     def failed(self, told: str) -> None:
         """Count an attempt that did not hold."""
         self.tries += 1
         self.failures.append(told)
         print(f"FAILED {self.part}: {told}", file=sys.stderr, flush=True)
+        self._tell()
+
+    def _tell(self) -> None:
+        """Every tenth attempt, how far the part is: a campaign that is ended early has figures too."""
+        if self.tries % 10 == 0:
+            told = ", ".join(f"{count} {name}" for name, count in sorted(self.notes.items()))
+            print(f"{self.part}: {self.tries} tries, {len(self.failures)} failed; {told}", file=sys.stderr, flush=True)
 
 
 def shares(total: int, parts: int) -> list[int]:

@@ -2,7 +2,7 @@
 
     python -m beambench.benchmarks.checks.fuzz --count 10000 --seed 1
 
-An attempt holds if the reader returns, or raises InputError (exit code 2), within 20 seconds and 4 GiB, and touches nothing
+An attempt holds if the reader returns, or raises InputError (exit code 2), within 20 s of CPU time and 4 GiB, and touches nothing
 outside its folder. Attempts run in child processes, a hundred or so each: a crash (139) or a hang ends the child, counts as a
 failure, and the next child goes on after it.
 """
@@ -19,7 +19,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections.abc import Sequence
@@ -89,8 +88,7 @@ def _batch(part: Attempts, name: str, first: int, count: int, seed: int) -> int:
         assert child.stdout is not None
         with selectors.DefaultSelector() as selector:
             selector.register(child.stdout, selectors.EVENT_READ)
-            # The first answer waits for the imports.
-            while selector.select(_TIME_S * 3 + (60 if at == first else 0)):
+            while selector.select(_TIME_S * 30):
                 line = child.stdout.readline()
                 if not line:
                     break
@@ -114,7 +112,7 @@ def _environment() -> dict[str, str]:
 def _child(name: str, first: int, count: int, seed: int) -> None:
     subject = SUBJECTS[name]
     warnings.simplefilter("ignore")
-    signal.signal(signal.SIGALRM, _hang)
+    signal.signal(signal.SIGPROF, _hang)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with tempfile.TemporaryDirectory(prefix="beambench-fuzz-") as place:
         base = Path(place)
@@ -139,8 +137,7 @@ def _attempt(name: str, work: Path) -> tuple[str, str]:
     """(what became of an attempt that held, why it failed)."""
     from ...scenes.errors import InputError
 
-    start = time.monotonic()
-    signal.alarm(_TIME_S)
+    signal.setitimer(signal.ITIMER_PROF, _TIME_S)  # CPU time: a busy machine decides nothing
     try:
         SUBJECTS[name].read(work)
         note = "read"
@@ -160,12 +157,12 @@ def _attempt(name: str, work: Path) -> tuple[str, str]:
         )
         return "", f"{type(error).__name__}: {str(error)[:120]} ({Path(ours.filename).name}:{ours.lineno})"
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     # The peak of the whole process: the attempt that passes the limit is the first one that tells so.
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if peak > _MEMORY_BYTES:
         os._exit(99)
-    return note, "" if time.monotonic() - start < _TIME_S else f"over {_TIME_S} s"
+    return note, ""
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import numpy as np
 
 from .attempts import Attempts, print_attempts
 from .interrupted_work import WORKS, Work
-from .traced import CALLS, Ended, available, preload, run_traced
+from .traced import CALLS, NAMES, Ended, available, preload, run_traced
 
 __all__ = ["interruptions", "main"]
 
@@ -67,11 +67,11 @@ def _part(name: str, work: Work, kind: str, count: int, rng: np.random.Generator
     part = Attempts(name)
     with tempfile.TemporaryDirectory(prefix="beambench-interrupt-") as place:
         base = Path(place)
-        os.environ["TMPDIR"] = tempfile.tempdir = str(base)
         sound, work_folder = base / "sound", base / "work"
         _forked(lambda: (sound.mkdir(), work.prepare(sound)))
         shutil.copytree(sound, work_folder)
-        first = run_traced(work.words(work_folder), base, children=work.children)
+        calls = NAMES if work.started else CALLS
+        first = run_traced(work.words(work_folder), base, calls=calls, started=work.started)
         expected, reach = work.result(work_folder), first.each
         if first.code != 0 or not expected:
             part.failed(f"undisturbed: exit {first.code}: {first.text[-200:]!r}")
@@ -80,12 +80,12 @@ def _part(name: str, work: Work, kind: str, count: int, rng: np.random.Generator
             shutil.rmtree(work_folder)
             shutil.copytree(sound, work_folder)
             (work_folder / "guard.txt").write_text("mine")
-            call = CALLS[int(rng.choice(len(CALLS), p=[reach.get(c, 0) / sum(reach.values()) for c in CALLS]))]
+            call = calls[int(rng.choice(len(calls), p=[reach.get(c, 0) / sum(reach.values()) for c in calls]))]
             when = int(rng.integers(1, reach[call] + 1))
             how = (
                 f"signal=KILL:when={when}" if kind == "kills" else _FAULTS[int(rng.integers(len(_FAULTS)))].format(when)
             )
-            ended = run_traced(work.words(work_folder), base, inject=how, calls=(call,), children=work.children)
+            ended = run_traced(work.words(work_folder), base, inject=how, calls=(call,), started=work.started)
             problem = _problem(work, kind, ended, expected, work_folder, base)
             told = f"attempt {number}, {call} {how}: {problem}"
             part.failed(told) if problem else part.held(_note(kind, ended))
@@ -128,7 +128,7 @@ def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, b
     finished = []
     if ended.code != 0:
         for words in work.again(folder):
-            done = run_traced(words, base, calls=("mkdir",), children=False)
+            done = run_traced(words, base, calls=("mkdir",), started=work.started)
             finished.append(f"{' '.join(words[:2])}: exit {done.code}: {done.text[-250:]!r}")
             if done.code == 0 and work.result(folder) == expected:
                 break

@@ -17,21 +17,24 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["CALLS", "Ended", "available", "preload", "run_traced"]
+__all__ = ["CALLS", "NAMES", "Ended", "available", "preload", "run_traced"]
 
 #: System calls by which files are made, changed and removed.
 CALLS = (
     "write", "pwrite64", "fsync", "ftruncate", "rename", "renameat", "renameat2", "unlink", "unlinkat", "rmdir", "mkdir", "mkdirat",
 )  # fmt: skip
-_MOST_S = 180.0
+#: Those of them that the children of a run do not make.
+NAMES = ("fsync", "rename", "unlink", "rmdir")
+_MOST_S = 240.0
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls traced by name, faults injected."""
+    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls by name, faults injected."""
 
     code: int | None
     text: str
@@ -84,65 +87,83 @@ def _run(words: Sequence[str], output: int) -> None:
 
         traceback.print_exc()
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        # Whatever fails here, nothing of the parent's stack may run in this process.
+        with suppress(BaseException):
+            sys.stdout.flush()
+        with suppress(BaseException):
+            sys.stderr.flush()
         os._exit(code)
 
 
 def run_traced(
-    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, children: bool = True
+    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, started: bool = False
 ) -> Ended:
     """Run a command under strace.
 
     Main arguments:
         words: of the command. folder: for the files of this function.
     Other arguments:
-        inject: what happens at which call, such as "error=ENOSPC:when=7" or "signal=KILL:when=7" (strace, option -e inject). calls:
-            that are counted, for each thread apart. children: whether threads and child processes are traced too.
+        inject: what happens at which call of a thread, such as "error=ENOSPC:when=7" or "signal=KILL:when=7" (strace, option
+            -e inject). calls: that are traced. started: start Python anew, for commands that start many threads,
+            of which the first alone is traced; else all threads are.
     """
-    begin_read, begin_write = os.pipe()
     log, said = folder / "strace.log", folder / "said.log"
+    options = [*([] if started else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
+    options += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
     with open(said, "w+b") as output:
-        pid = os.fork()
-        if pid == 0:
-            os.close(begin_write)
-            os.read(begin_read, 1)
-            _run(words, output.fileno())
-        os.close(begin_read)
-        command = [
-            "strace",
-            *(["-f"] if children else []),
-            "-p",
-            str(pid),
-            "-o",
-            str(log),
-            "-e",
-            f"trace={','.join(calls)}",
-        ]
-        command += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
-        with subprocess.Popen(command, stderr=subprocess.PIPE) as tracer:
-            assert tracer.stderr is not None
-            select.select([tracer.stderr], [], [], 30)
-            tracer.stderr.readline()  # "strace: Process N attached"
-            os.write(begin_write, b"x")
-            os.close(begin_write)
-            code = _wait(pid)
-            if code is None:
-                os.killpg(pid, signal.SIGKILL)
-                os.waitpid(pid, 0)
-            tracer.stderr.close()
-            try:
-                tracer.wait(timeout=10)
-            except subprocess.TimeoutExpired:
-                tracer.kill()
+        code = _start(words, options, output.fileno()) if started else _attach(words, options, output.fileno())
         output.seek(0)
         text = output.read().decode(errors="replace")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
     injected = sum("(INJECTED)" in line for line in lines) + (code == -signal.SIGKILL)
     log.unlink(missing_ok=True)
     said.unlink(missing_ok=True)
-    names = Counter(found[1] for line in lines if (found := re.match(r"(?:\d+ +)?(\w+)\(", line)))
-    return Ended(code, text, dict(names), injected)
+    threads = Counter(found.groups() for line in lines if (found := re.match(r"(?:(\d+) +)?(\w+)\(", line)))
+    each: dict[str, int] = {}
+    for (_, name), count in threads.items():
+        each[name] = max(each.get(name, 0), count)
+    return Ended(code, text, each, injected)
+
+
+def _start(words: Sequence[str], options: list[str], output: int) -> int | None:
+    """Run a command in a new process under strace; its exit code, None where it does not end in time."""
+    command = ["strace", *options, sys.executable, "-m", "beambench", *words]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment, start_new_session=True
+    ) as tracer:
+        try:
+            return tracer.wait(timeout=_MOST_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(tracer.pid, signal.SIGKILL)
+            return None
+
+
+def _attach(words: Sequence[str], options: list[str], output: int) -> int | None:
+    """Run a command in a forked process to which strace is attached; its exit code, None where it does not end in time."""
+    begin_read, begin_write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(begin_write)
+        os.read(begin_read, 1)
+        _run(words, output)
+    os.close(begin_read)
+    with subprocess.Popen(["strace", *options, "-p", str(pid)], stderr=subprocess.PIPE) as tracer:
+        assert tracer.stderr is not None
+        select.select([tracer.stderr], [], [], 30)
+        tracer.stderr.readline()  # "strace: Process N attached"
+        os.write(begin_write, b"x")
+        os.close(begin_write)
+        code = _wait(pid)
+        if code is None:
+            os.killpg(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+        tracer.stderr.close()
+        try:
+            tracer.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            tracer.kill()
+    return code
 
 
 def _wait(pid: int) -> int | None:

@@ -116,7 +116,7 @@ _TABLES = (
     "report.html", "report.csv", "report.md", "report.tex", "report.bib", "speed-accuracy.png", "speed-accuracy.svg",
 )  # fmt: skip
 _OF_A_SUITE = (
-    *_TABLES, "run.json", "journal.jsonl", "costs.csv", "errors_by_tile.npz", "captures/*.zarr", "pictures/*__*.npz",
+    *_TABLES, "run.json", "journal.jsonl", "costs.csv", "inputs.csv", "errors_by_tile.npz", "captures/*.zarr", "pictures/*__*.npz",
     "breakdown.csv", "failure_map.csv", "maps/*.svg", "maps/*.png",
 )  # fmt: skip
 
@@ -125,7 +125,7 @@ SWEEP = Kind("sweep", _OF_A_SUITE, _measured, resumes=True)
 ESTIMATE = Kind(
     "estimate", ("estimates.json",), lambda folder: any(folder.glob("*.h5")), resumes=True, named=_files_of_labels
 )
-SCORE = Kind("score", _TABLES, _never, whole=True)
+SCORE = Kind("score", (*_TABLES, "run.json"), _never, whole=True)
 REPRODUCE = Kind(
     "reproduce",
     ("reproduction.csv", "reproduction.parquet", "reproduction.html", "run.json", "pictures/*.png"),

@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, TextIO
 
+from ...scenes.plain_text import plain_text
+
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
@@ -44,7 +46,7 @@ class Lines:
         if done < total and now - self._last.get(stage, -1e9) < 1.0:
             return
         self._last[stage] = now
-        print(f"{stage} {done}/{total} {text}".rstrip(), file=self._stream, flush=True)
+        print(plain_text(f"{stage} {done}/{total} {text}".rstrip()), file=self._stream, flush=True)
 
 
 class Bars:
@@ -73,7 +75,9 @@ class Bars:
         if stage not in self._tasks:
             self._tasks[stage] = self._bars.add_task(text, total=total, stage=stage)
         # Names come from suites and plug-ins: square brackets in labels are not markup.
-        self._bars.update(self._tasks[stage], completed=done, total=total, description=text.replace("[", "\\["))
+        self._bars.update(
+            self._tasks[stage], completed=done, total=total, description=plain_text(text).replace("[", "\\[")
+        )
 
 
 def terminal_progress(stream: TextIO | None = None) -> Bars | Lines:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import sys
@@ -12,8 +13,8 @@ from typing import Any
 __all__ = ["TABLES_VERSION", "machine", "now", "versions"]
 
 #: Version of the tables' contract (columns, failure limit, meaning of status and of figures). 2: docs/decisions 0013 to
-#: 0015. 3: 0018 and 0019.
-TABLES_VERSION = 3
+#: 0015. 3: 0018 and 0019. 4: 0021.
+TABLES_VERSION = 4
 
 _PACKAGES = (
     "beambench", "numpy", "scipy", "numba", "xarray", "zarr", "mitsuba", "drjit", "pandas", "pyarrow", "pydantic",
@@ -38,6 +39,19 @@ def _processor() -> str:
     return platform.machine()
 
 
+def _features() -> str:
+    """A short hash of the processor's features as the kernel reports them, on which compiled code depends; "" if unknown."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            for line in file:
+                if line.partition(":")[0].strip() in ("flags", "Features"):
+                    names = sorted(line.partition(":")[2].split())
+                    return hashlib.sha256(" ".join(names).encode()).hexdigest()[:12]
+    except OSError:
+        pass
+    return ""
+
+
 def machine() -> dict[str, Any]:
     """Description of the machine, without names of people or hosts."""
     import psutil
@@ -45,6 +59,7 @@ def machine() -> dict[str, Any]:
     return {
         "system": f"{platform.system()} {platform.release()}",
         "processor": _processor(),
+        "features": _features(),
         "cores_usable": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "memory_bytes": psutil.virtual_memory().total,
         "device_class": "cpu",

@@ -20,8 +20,8 @@ Float = npt.NDArray[np.float64]
 
 
 def level_truth(capture: xr.Dataset) -> Mapping[str, Truth]:
-    """The truth of `level_point`, L X with L the level matrix of the frame's true pitch and roll; nothing without inclinometers or a
-    true scene."""
+    """The truth of `level_point`, L X with L the level matrix of the frame's true pitch and roll; nothing without inclinometers
+    or a true scene."""
     found = _attitude(capture)
     if found is None:
         return {}
@@ -30,8 +30,8 @@ def level_truth(capture: xr.Dataset) -> Mapping[str, Truth]:
 
 
 def level_bound(capture: xr.Dataset, point: Bound) -> Mapping[str, Bound]:
-    """The bound of `level_point` from that of `point`: √(Σ_k (L_ik σ_k)² + ((∂L/∂p X)_i σ_m)² + ((∂L/∂r X)_i σ_m)²), σ_m the noise of a
-    reading. Kind "quasi": coordinates of a point err alike or oppositely, and all points of a frame share a reading."""
+    """The bound of `level_point` from that of `point`: √(Σ_k (L_ik σ_k)² + ((∂L/∂p X)_i σ_m)² + ((∂L/∂r X)_i σ_m)²), σ_m the
+    noise of a reading. Kind "quasi": coordinates of a point err alike or oppositely, and all points of a frame share a reading."""
     found = _attitude(capture)
     if found is None:
         return {}

@@ -1,8 +1,8 @@
 """What a calibration of a laser-line rig is judged by: the true camera, stand-off and plane, and points at a lattice of pixels.
 
-Nodes of the lattice (`estimators.laser_line.described`) are scored where the true sheet lies at depths at which the capture shows the
-line on its boards, a tenth more to either side: there the calibration is meant to be used. In air a port does not tell its
-stand-off: it has no truth there.
+Nodes of the lattice (`estimators.laser_line.described`) are scored where the true sheet lies at depths at which the capture
+shows the line on its boards, a tenth more to either side: there the calibration is meant to be used. In air a port does not
+tell its stand-off: it has no truth there.
 
 No bound is known: that of the corners is one of the texture and its light. A quantity has failed beyond
 
@@ -63,13 +63,13 @@ def rig_bounds(capture: xr.Dataset) -> Mapping[str, Bound]:
     row, col = (part[held] for part in nodes(geometry.rows, geometry.cols))
     step = np.linalg.norm(geometry.points(row, col + 0.5) - geometry.points(row, col - 0.5), axis=0)
     column = float(np.nanmedian(step)) if np.isfinite(step).any() else 1.0
-    scale = {
+    failed = {
         "node": column, "focal_length": 0.01 * focal_px * pitch, "principal_point": 5.0, "stand_off": 5e-3,
         "plane_angle": 1.0 / focal_px, "plane_offset": 0.01 * abs(float(value["plane_offset"][0])),
     }  # fmt: skip
-    # What can be answered at all: a hundred times what has failed.
+    # Without a bound an element has failed beyond half of the scale; what can be answered at all is a hundred times as much.
     return {
-        name: Bound(np.full(value[name].shape, np.inf), "none", one, 100.0 * one) for name, one in scale.items()
+        name: Bound(np.full(value[name].shape, np.nan), "none", 2.0 * one, 100.0 * one) for name, one in failed.items()
     }
 
 

@@ -24,10 +24,10 @@ from ...estimators.wavefront.cells import cells_of
 from ...estimators.wavefront.fits import joint_positions
 from ...estimators.wavefront.geometry import declared_geometry
 from ...scenes.errors import InputError
+from ...scenes.rigs.camera_noise import camera_noise
 from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.rigs.wavefront_geometry import flat_spots, lattice_of
 from ...scenes.scene import Scene
-from ..bounds.instrument import camera_noise
 from ..suites.spec import Calibration
 from ..written.draw import drawn_counts
 from .judge import Draw

@@ -42,11 +42,14 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
 
 def level_capture(seed: int = 1) -> xr.Dataset:
     """`clean_capture` of a rig with inclinometers, pitched by 20 and rolled by -5 degrees, read without error."""
-    meter = {"pitch_deg": 20.0, "roll_deg": -5.0, "sigma_deg": 0.1, "bias_deg": [0.0, 0.0]}
-    scene = load_scene("spotscan-wall", _CAMERA | {"rig.camera.rows": _ROWS, "rig.inclinometers": meter})
+    attitude = {"pitch": 20.0, "roll": -5.0}
+    meter = {f"{name}_deg": angle for name, angle in attitude.items()} | {"sigma_deg": 0.1}
+    scene = load_scene(
+        "spotscan-wall", _CAMERA | {"rig.camera.rows": _ROWS, "rig.inclinometers": {**meter, "bias_deg": [0.0, 0.0]}}
+    )
     column = 40.0 + 3.0 * np.linspace(0, 1, 2 * _ROWS).reshape(2, _ROWS)
     capture = written_capture(scene, _ELECTRONS, _WIDTH_PX, _BACKGROUND, column, seed=seed)
-    read = {name: np.full(2, np.deg2rad(meter[f"{name}_deg"])) for name in ("pitch", "roll")}
+    read = {name: np.full(2, np.deg2rad(angle)) for name, angle in attitude.items()}
     return capture.assign_coords({name: ("frame", value, {"units": "rad"}) for name, value in read.items()})
 
 
@@ -61,7 +64,10 @@ def survey_capture(seed: int = 1) -> xr.Dataset:
 def stations_capture(seed: int = 1) -> xr.Dataset:
     """Five views of a board in air, 192 × 240 pixels each, with the line beside its squares and without."""
     return board_capture(
-        load_scene("calibration-air", _STATIONS), Board(6, 9, 0.02, (0.095, 0.035)), place_m=(-0.03, 0.0, 0.6), seed=seed
+        load_scene("calibration-air", _STATIONS),
+        Board(6, 9, 0.02, (0.095, 0.035)),
+        place_m=(-0.03, 0.0, 0.6),
+        seed=seed,
     )
 
 

@@ -18,6 +18,7 @@ from ...captures.quantities import possible_sigma, possible_value
 from ...estimators.result import check_result
 from ...scenes.errors import InputError
 from .maker import Answer, Change, Maker, Run
+from .memory import no_state, own_answers, own_rig
 from .singular import SINGULARITIES
 from .spoilt import SPOILT
 
@@ -68,6 +69,9 @@ def laws_for(maker: Maker) -> dict[str, Law]:
         "valid answers have a positive sigma": positive_sigma,
         "same answer twice": repeats,
         "leaves its input alone": leaves_input,
+        "other data have their own answer": own_answers,
+        "the declared rig is read anew": own_rig,
+        "no state between captures": no_state,
     }
     # A later stage may know what the place of an element means, as a camera's rows do; so may one that reads whole images.
     if maker.stage.word not in maker.laws.steps:

@@ -2,9 +2,10 @@
 
     python -m beambench.benchmarks.peers.line_finders
 
-Three tables: a frame found and triangulated, in times of `np.argmax(frame, axis=1)`, at four sizes, and the exponents of the cost
-against the number of pixels; speed and error beside OpenCV's filters and `ridge-detection` (`line_peers.py`); what smoothing along
-the line costs in resolution. Times are CPU seconds of one process, the least of several calls that take turns.
+Tables: a frame found and triangulated by the cheapest chain and by the most precise one, in times of `np.argmax(frame, axis=1)`, at
+four sizes, and the exponents of the cost against the number of pixels; every finder before the exact triangulation at two
+sizes; speed and error beside OpenCV's filters and `ridge-detection` (`line_peers.py`); what smoothing along the line costs in
+resolution. Times are CPU seconds of one process, the least of several calls that take turns.
 """
 
 from __future__ import annotations
@@ -23,9 +24,16 @@ from ..written.laser_line import written_capture
 from .along_line import rise_rows
 from .line_peers import PEERS
 
-__all__ = ["against_argmax", "against_peers", "exponents", "frame_of", "least_times"]
+__all__ = ["against_argmax", "against_peers", "finders_against_argmax", "exponents", "frame_of", "least_times"]
 
+#: Exact refraction behind the finder that costs least, and behind the one that is most precise.
+CHEAPEST = "line-parabola+triangulate-refractive"
 CHAIN = "line-ml+triangulate-refractive"
+#: All finders that read a row alone.
+ROW_FINDERS = (
+    "line-peak", "line-parabola", "line-log-gaussian", "line-blais-rioux", "line-centroid", "line-window-centroid", "line-erf",
+    "line-ml",
+)  # fmt: skip
 FINDERS = ("line-ml", "line-erf", "line-log-gaussian", "line-steger")
 SIZES = ((256, 192), (480, 640), (768, 960), (1024, 1280))
 #: σ of the line [px], photoelectrons of it per row, and smoothing of the peers [px].
@@ -67,11 +75,11 @@ def least_times(calls: Mapping[str, Callable[[], Any]], *, turns: int = 15) -> d
 
 
 def against_argmax(sizes: tuple[tuple[int, int], ...] = SIZES, *, turns: int = 15) -> list[dict[str, float]]:
-    """A row per size: rows, cols, CPU seconds of `np.argmax`, of the scan of the rows, of the finder and of the chain."""
+    """A row per size: rows, cols, CPU seconds of `np.argmax`, of `line-ml`, of the chain behind it and of the cheapest one."""
     from ...captures.hide import hide_truth
     from ...estimators import get_estimator
 
-    finder, chain = get_estimator("line-ml"), get_estimator(CHAIN)
+    finder, chain, cheapest = (get_estimator(name) for name in ("line-ml", CHAIN, CHEAPEST))
     table = []
     for rows, cols in sizes:
         capture = hide_truth(frame_of(rows, cols))
@@ -80,9 +88,30 @@ def against_argmax(sizes: tuple[tuple[int, int], ...] = SIZES, *, turns: int = 1
             "argmax": lambda f=frame: np.argmax(f, axis=1),  # type: ignore[misc]
             "line-ml": lambda c=capture: finder(c),  # type: ignore[misc]
             "chain": lambda c=capture: chain(c),  # type: ignore[misc]
+            "cheapest": lambda c=capture: cheapest(c),  # type: ignore[misc]
         }
         table.append({"rows": rows, "cols": cols} | least_times(calls, turns=turns))
     return table
+
+
+def finders_against_argmax(rows: int, cols: int, *, turns: int = 10) -> dict[str, tuple[float, float]]:
+    """{finder: (times of `np.argmax` that it and the exact triangulation take, rms error [px])} of one frame."""
+    from ...captures.hide import hide_truth
+    from ...estimators import get_estimator
+
+    capture = frame_of(rows, cols)
+    truth, hidden = capture["truth_column"].values[0, :, 0], hide_truth(capture)
+    frame = np.ascontiguousarray(capture["counts"].values[0])
+    calls: dict[str, Callable[[], Any]] = {"argmax": lambda: np.argmax(frame, axis=1)}
+    for name in ROW_FINDERS:
+        chain = get_estimator(f"{name}+triangulate-refractive")
+        calls[name] = lambda e=chain: e(hidden)  # type: ignore[misc]
+    seconds = least_times(calls, turns=turns)
+    made = {}
+    for name in ROW_FINDERS:
+        error = get_estimator(name)(hidden)["column"].values[0, :, 0] - truth
+        made[name] = seconds[name] / seconds["argmax"], float(np.sqrt(np.nanmean(error**2)))
+    return made
 
 
 def exponents(table: list[dict[str, float]], name: str) -> tuple[float, float, float]:
@@ -131,17 +160,30 @@ def _print_argmax() -> None:
     print(f"One frame, line of {WIDTH_PX} px; CPU time over that of np.argmax(frame, axis=1), and per pixel")
     for entry in table:
         size = f"{entry['rows']:.0f} x {entry['cols']:.0f}"
-        ratios = "  ".join(f"{name} {entry[name] / entry['argmax']:5.1f} x" for name in ("line-ml", "chain"))
-        each, plain = (entry[name] / (entry["rows"] * entry["cols"]) * 1e9 for name in ("chain", "argmax"))
-        print(f"{size:<12s} {ratios}  {each:6.2f} ns per pixel (argmax {plain:.2f})")
-    for name in ("argmax", "line-ml", "chain"):
+        ratios = "  ".join(
+            f"{name} {entry[name] / entry['argmax']:5.1f} x" for name in ("line-ml", "chain", "cheapest")
+        )
+        pixels = entry["rows"] * entry["cols"]
+        each, cheap, plain = (entry[name] / pixels * 1e9 for name in ("chain", "cheapest", "argmax"))
+        print(f"{size:<12s} {ratios}  {each:6.2f} and {cheap:.2f} ns per pixel (argmax {plain:.2f})")
+    for name in ("argmax", "line-ml", "chain", "cheapest"):
         power, per_row, per_pixel = exponents(table, name)
         print(f"{name:<8s} ~ pixels^{power:.2f}; {per_row * 1e6:.2f} us per row + {per_pixel * 1e9:.2f} ns per pixel")
 
 
+def _print_finders() -> None:
+    sizes = ((256, 192), (1024, 1280))
+    small, large = (finders_against_argmax(*size) for size in sizes)
+    print("finder, then the exact triangulation: times of np.argmax at 256 x 192, at 1024 x 1280; rms error there")
+    for name in ROW_FINDERS:
+        print(f"{name:<22s} {small[name][0]:6.1f} x  {large[name][0]:6.1f} x  {large[name][1]:.4f} px")
+
+
 def main() -> None:
-    """Print the three tables, and the names of peers that are not installed."""
+    """Print the tables, and the names of peers that are not installed."""
+    print(f"chain: {CHAIN}; cheapest: {CHEAPEST}")
     _print_argmax()
+    _print_finders()
     for rows, cols, slow in ((256, 192, True), (1024, 1280, False)):
         print(f"{rows} x {cols}: CPU ms per frame, rms error, share of rows found, time over that of line-ml")
         table = against_peers(rows, cols, slow=slow)

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..folders.files import write_atomic, write_text
 from .charts import finished
-from .styles import styles_of
+from .styles import Style, styles_of
 from .text import rate
 
 __all__ = ["TABLE_HEAD", "breakdown_table", "curve_name", "page_section", "read_breakdown", "save_maps"]
@@ -90,6 +90,7 @@ def save_maps(
     import vl_convert as vlc
 
     maps, rows = _named(maps), _named(rows)
+    styles = styles_of(row["label"] for row in maps)  # as the page colours them
     place = folder / "maps"
     place.mkdir(exist_ok=True)
     written = []
@@ -97,7 +98,7 @@ def save_maps(
         group = [row for row in maps if (row["axis"], row["axis2"]) == (axis, axis2)]
         pooled = _pooled(group)
         if axis2 == "none":
-            spec = _curves(pooled, [row for row in rows if row["axis"] == axis])
+            spec = _curves(pooled, [row for row in rows if row["axis"] == axis], styles)
         else:
             spec = _heat(pooled, {key[0]: found for key, found in cells.items() if key[1:] == (axis, axis2)})
         name = axis if axis2 == "none" else f"{axis}--{axis2}"
@@ -116,7 +117,15 @@ def curve_name(estimator: str, condition: str) -> str:
 
 
 def _named(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    return [{**row, "estimator": curve_name(str(row["estimator"]), str(row.get("condition", "")))} for row in rows]
+    """The rows with the names of curves in place of the estimators', which stay as `label`."""
+    return [
+        {
+            **row,
+            "label": str(row["estimator"]),
+            "estimator": curve_name(str(row["estimator"]), str(row.get("condition", ""))),
+        }
+        for row in rows
+    ]
 
 
 def _write(path: Path, data: bytes) -> None:
@@ -156,16 +165,23 @@ def _axis(values: Sequence[float]) -> Any:
     return alt.Axis(format=form, values=decades) if len(decades) > 1 else alt.Axis(format=form)
 
 
-def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Failure rate with its interval at every measured level, and the intervals of the 10 % and 50 % levels."""
+def _curves(
+    points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]], styles: Mapping[str, Style]
+) -> dict[str, Any]:
+    """Failure rate with its interval at every measured level, and the intervals of the 10 % and 50 % levels.
+
+    Colour and mark are the estimator's; the curve of a condition other than the default is dashed.
+    """
     import altair as alt
 
-    labels = list(dict.fromkeys(str(p["estimator"]) for p in points))
-    styles = styles_of(labels)
-    colours, shapes = ([styles[label][part] for label in labels] for part in (0, 1))
+    names = {str(p["estimator"]): str(p["label"]) for p in points}
+    labels = list(names)
+    colours, shapes = ([styles[names[name]][part] for name in labels] for part in (0, 1))
+    dashes = [[1, 0] if names[name] == name else [5, 3] for name in labels]
     legend = alt.Legend(title=None, orient="bottom", columns=3, labelLimit=220)
     colour = alt.Color("estimator:N", scale=alt.Scale(domain=labels, range=colours), legend=legend)
     shape = alt.Shape("estimator:N", scale=alt.Scale(domain=labels, range=shapes), legend=legend)
+    dash = alt.StrokeDash("estimator:N", scale=alt.Scale(domain=labels, range=dashes), legend=legend)
     x = alt.X(
         "level:Q", title=_title(points[0]["axis"], points[0]["unit"]), scale=_scale([p["level"] for p in points]),
         axis=_axis([p["level"] for p in points]),
@@ -174,7 +190,7 @@ def _curves(points: list[dict[str, Any]], rows: Sequence[Mapping[str, Any]]) -> 
     plain = [{k: p[k] for k in ("estimator", "level", "failure_rate", "lo", "hi")} for p in points]
     base = alt.Chart(alt.InlineData(values=plain))
     layers: list[Any] = [
-        base.mark_line(strokeWidth=1.4, opacity=0.7).encode(x=x, y=y, color=colour),
+        base.mark_line(strokeWidth=1.4, opacity=0.7).encode(x=x, y=y, color=colour, strokeDash=dash),
         base.mark_rule(strokeWidth=1).encode(x=x, y=alt.Y("lo:Q"), y2="hi:Q", color=colour),
         base.mark_point(filled=True, size=45, opacity=1).encode(x=x, y=y, color=colour, shape=shape),
     ]

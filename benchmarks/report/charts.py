@@ -44,9 +44,7 @@ def panel_title(panel: Panel, panels: dict[Panel, list[Cell]]) -> str:
     return f"{panel[0]}: {' '.join(words)}" if several and words else panel[0]
 
 
-def speed_accuracy_spec(
-    cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None
-) -> dict[str, Any]:
+def speed_accuracy_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None) -> dict[str, Any]:
     """One panel: CPU time per element (x) against full RMSE (y), both logarithmic; lower left is better.
 
     Colour and mark tell the estimator, a filled mark the first condition. `page`: use the width of the container and the
@@ -131,9 +129,7 @@ def _label_marks(base: Any, page: bool) -> list[Any]:
     ground = GROUND if page else "#ffffff"
     place: dict[str, Any] = {side: alt.ExprRef(f"datum.{side}") for side in ("align", "dx", "dy")}
     halo: dict[str, Any] = {"stroke": ground, "strokeWidth": 4, "strokeJoin": "round"}
-    return [
-        base.mark_text(fontSize=11, baseline="middle", cursor="pointer", **place, **extra) for extra in (halo, {})
-    ]
+    return [base.mark_text(fontSize=11, baseline="middle", cursor="pointer", **place, **extra) for extra in (halo, {})]
 
 
 _TIPS = {
@@ -212,7 +208,9 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
 
     panels = panels_of(cells)
     charts = [
-        _panel(group, page=False, styles=styles).properties(width=WIDTH, height=HEIGHT, title=panel_title(panel, panels))
+        _panel(group, page=False, styles=styles).properties(
+            width=WIDTH, height=HEIGHT, title=panel_title(panel, panels)
+        )
         for panel, group in panels.items()
     ]
     spec = finished(alt.concat(*charts, columns=3), page=False)

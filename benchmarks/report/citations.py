@@ -12,7 +12,8 @@ from ...estimators.labels import links_of, split_label
 
 __all__ = ["Citations", "citations_of", "latex"]
 
-_YEAR = re.compile(r"\b(1[6-9]\d\d|20\d\d)\b")
+#: A year; after a colon stands a page.
+_YEAR = re.compile(r"(?<![:\d])\b(1[6-9]\d\d|20\d\d)\b")
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "−": "$-$", "×": r"$\times$", "±": r"$\pm$",
@@ -72,7 +73,7 @@ def _reference(text: str) -> str:
     if rest and not re.search(r"[\d,]", topic):
         plain = rest
     cut = re.split(r",? (?:Eq\.|sec\.|section|Figure|Fig\.|chapter|Table)\s", plain)[0]
-    whole = re.sub(r"^(.*\b(?:1[6-9]|20)\d\d)(?:, (?!p\.)|: ).*$", r"\1", cut).strip(" ,")
+    whole = re.sub(r"^(.*(?<![:\d])\b(?:1[6-9]|20)\d\d)(?:, (?!p\.)|: ).*$", r"\1", cut).strip(" ,")
     return whole if _YEAR.search(whole) else ""  # "this project", "the lidar equation": nothing to look up
 
 

@@ -46,6 +46,7 @@ def read_run(folder: Path) -> dict[str, Any]:
         ("failures", list, "a list"),
         ("machine", dict, "an object"),
         ("versions", dict, "an object"),
+        ("tables_version", int, "a whole number"),
     ):
         if record.get(name) is not None and not isinstance(record[name], kind):
             raise InputError(

@@ -52,12 +52,16 @@ def rungs_spec(rows: list[dict[str, Any]], *, page: bool) -> dict[str, Any] | No
         return None
     data = list(points.values())
     rungs = list(dict.fromkeys(p["rung"] for p in data))
-    x, y = _log("cost", "CPU time of a capture, s", data, ("cost",)), _log("error", "relative error", data, ("lo", "hi"))
+    x, y = (
+        _log("cost", "CPU time of a capture, s", data, ("cost",)),
+        _log("error", "relative error", data, ("lo", "hi")),
+    )
     colour = alt.Color(
         "rung:N", scale=alt.Scale(domain=rungs, range=list(PALETTE[: len(rungs)])),
         legend=alt.Legend(title=None, orient="top"),
     )  # fmt: skip
-    shape = alt.Shape("rung:N", scale=alt.Scale(domain=rungs, range=list(SHAPES[: len(rungs)])), legend=None)
+    shapes = alt.Scale(domain=rungs, range=list(SHAPES[: len(rungs)]))
+    shape = alt.Shape("rung:N", scale=shapes, legend=alt.Legend(title=None, orient="top"))
     base = alt.Chart(alt.InlineData(values=data)).encode(x=x, color=colour)
     dots = base.mark_point(size=60, filled=True).encode(
         y=y, shape=shape, tooltip=[alt.Tooltip(f"{k}:N") for k in ("scene", "rung", "shown")]
@@ -138,9 +142,15 @@ def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> 
     kinds = ["neglected", "modelled"]
     looks = (_NEGLECTED, _MODELLED)
     colour = alt.Color(
-        "what:N", scale=alt.Scale(domain=kinds, range=[c for c, _ in looks]), legend=alt.Legend(title=None, orient="top")
+        "what:N",
+        scale=alt.Scale(domain=kinds, range=[c for c, _ in looks]),
+        legend=alt.Legend(title=None, orient="top"),
     )
-    shape = alt.Shape("what:N", scale=alt.Scale(domain=kinds, range=[s for _, s in looks]), legend=alt.Legend(title=None))
+    shape = alt.Shape(
+        "what:N",
+        scale=alt.Scale(domain=kinds, range=[s for _, s in looks]),
+        legend=alt.Legend(title=None, orient="top"),
+    )
     base = alt.Chart(alt.InlineData(values=data)).encode(y=y, color=colour)
     tips = [alt.Tooltip(f"{k}:N", title=t) for k, t in (("name", "effect"), ("shown", "size"), ("basis", "basis"))]
     layers: list[Any] = [
@@ -149,7 +159,9 @@ def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> 
     ]
     if limit:
         rule = alt.Chart(alt.InlineData(values=[{"limit": limit[0]}]))
-        layers.append(rule.mark_rule(strokeDash=[5, 4]).encode(x=alt.X("limit:Q", scale=scale), color=alt.value("#8a8f98")))
+        layers.append(
+            rule.mark_rule(strokeDash=[5, 4]).encode(x=alt.X("limit:Q", scale=scale), color=alt.value("#8a8f98"))
+        )
     chart = alt.layer(*layers).properties(width="container" if page else WIDTH, height=HEIGHT)
     return finished(chart, page=page)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,9 @@ from .opening import charts_of
 from .pairs import pairs_section
 from .picture_section import picture_scenes, reliefs_of
 from .pictures import DIVERGING, SEQUENTIAL, Picture, read_pictures
-from .ranking import ranking_section
+from .ranking import ranking_section, read_pairs
 from .stress_chart import static_stresses
-from .styles import styles_of
+from .styles import Style, styles_of
 from .table import score_table, sorted_cells
 from .table_csv import table_csv
 from .text import failures_of, rank, rate, skips_of_cells, summary
@@ -61,12 +62,12 @@ def write_report(run_dir: str | Path) -> Path:
     base = base_cells(cells)
     costs = read_costs(folder)
     mark_front(base, costs, read_tiles(folder))
-    styles = styles_of(c.label for c in cells)
+    styles = styles_of(c.label for c in ran)
     charts = charts_of(folder, base, cells, styles, _folder_name(folder))
     order = [r.label for r in rank(base)]
     suite = str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run"))
     words = {"title": str(run.get("title") or suite), "command": _command(run)}
-    sentences = summary(table)
+    sentences = summary(table, read_pairs(folder))
     page = _render(
         **words,
         suite=suite,
@@ -76,7 +77,7 @@ def write_report(run_dir: str | Path) -> Path:
         opening=charts.opening,
         panels=charts.panels,
         stresses=charts.stresses,
-        estimators=_legend(cells, order, styles),
+        estimators=_legend(ran, order, styles),
         chart_svg=save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg", styles),
         stress_svg=static_stresses(charts.groups, styles),
         table=score_table(ran),
@@ -91,11 +92,8 @@ def write_report(run_dir: str | Path) -> Path:
         skipped=list(skips_of_cells(cells).items()),
         cached=sum(row["source"] == "cache" for row in costs),
         timed=len(costs),
-        provenance=_provenance(run),
+        **_record(run),
         exports=EXPORTS,
-        machine=_facts(run.get("machine")),
-        versions=_facts(run.get("versions")),
-        facts=_facts({k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}),
         data=_data(charts.specs(), ran, pictures, order),
     )
     path = folder / "report.html"
@@ -115,9 +113,7 @@ def _folder_name(folder: Path) -> str:
     return shlex.quote(path.parent.name if path.name == "unfinished" else path.name)
 
 
-def _data(
-    specs: dict[str, Any], cells: list[Cell], pictures: list[Picture], order: list[str]
-) -> dict[str, str]:
+def _data(specs: dict[str, Any], cells: list[Cell], pictures: list[Picture], order: list[str]) -> dict[str, str]:
     """What the page's script reads, as JSON by element id: charts, the table as CSV text, reliefs with their colours."""
     reliefs = {"scenes": reliefs_of(pictures, order), "value": SEQUENTIAL, "error": DIVERGING}
     return {
@@ -126,11 +122,21 @@ def _data(
     }
 
 
-def _legend(cells: list[Cell], order: list[str], styles: Any) -> list[dict[str, str]]:
-    """The estimators with colour and mark, the most accurate first; those that were skipped have no result to choose."""
-    labels = dict.fromkeys([*order, *(c.label for c in cells)])
-    ran = {c.label for c in cells if not c.skipped}
-    return [{"label": n, "colour": styles[n][0], "shape": styles[n][1]} for n in labels if n in ran]
+def _legend(ran: list[Cell], order: list[str], styles: Mapping[str, Style]) -> list[dict[str, str]]:
+    """The estimators with colour and mark, the most accurate first."""
+    labels = sorted({c.label for c in ran}, key=lambda n: (order.index(n) if n in order else len(order), n))
+    return [{"label": n, "colour": styles[n][0], "shape": styles[n][1]} for n in labels]
+
+
+def _record(run: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
+    """The facts of run.json: those beside the verdict, and all of them in three groups."""
+    rest = {k: v for k, v in run.items() if k not in {"machine", "versions", "failures", "command"}}
+    return {
+        "provenance": _provenance(run),
+        "machine": _facts(run.get("machine")),
+        "versions": _facts(run.get("versions")),
+        "facts": _facts(rest),
+    }
 
 
 def _provenance(run: dict[str, Any]) -> list[tuple[str, str]]:
@@ -227,6 +233,8 @@ def _facts(value: Any, prefix: str = "") -> list[tuple[str, str]]:
 
 def _command(run: dict[str, Any]) -> str:
     command = run.get("command")
+    if not run:
+        return "# run.json is missing: the command that made these tables is not known"
     if isinstance(command, list) and command:
         return shlex.join(["beambench" if i == 0 else str(part) for i, part in enumerate(command)])
     return str(command) if command else f"beambench run {shlex.quote(str(run.get('suite', 'SUITE')))}"

@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .pictures import DIVERGING, MAX_SIDE, SEQUENTIAL, Picture, css_gradient, data_uri, error_limit, png, value_limits
-from .surfaces import coarse, packed, relief
+from .surfaces import SIDE, coarse, packed, relief
 from .text import number, rate
 
-__all__ = ["BUDGET", "picture_scenes", "reliefs_of"]
+__all__ = ["BUDGET", "RELIEF_BUDGET", "picture_scenes", "reliefs_of"]
 
 #: Bytes of all pictures of a page, as text. With the bundled chart library (0.9 MB) and the tables it stays below 10 MB.
 BUDGET = 5_000_000
+#: Bytes of all reliefs, as text. Each sample of an estimate takes two bytes for its value and two for its error.
+RELIEF_BUDGET = 2_000_000
 #: Sides to which pictures are reduced until they fit the budget, samples.
 _SIDES = (MAX_SIDE, 224, 160, 112, 80, 56, 40)
 
@@ -99,7 +101,11 @@ def _value_ticks(lo: float, hi: float) -> list[str]:
 
 
 def reliefs_of(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]]:
-    """One record per scene, condition and quantity for the 3-D view: grid size, scales, truth and estimates, packed."""
+    """One record per scene, condition and quantity for the 3-D view: grid size, scales, truth and estimates, packed.
+
+    Many pictures have coarser grids, so that all fit `RELIEF_BUDGET`.
+    """
+    side = min(SIDE, max(12, int(math.sqrt(RELIEF_BUDGET / (16 / 3 * max(1, len(pictures)))))))
     groups: dict[tuple[str, str, str], list[Picture]] = {}
     for picture in pictures:
         groups.setdefault((picture.scene, picture.condition, picture.quantity), []).append(picture)
@@ -108,14 +114,14 @@ def reliefs_of(pictures: list[Picture], order: list[str]) -> list[dict[str, Any]
         lo, hi, limit = _limits(group)
         # Estimates leave the span of the truth by their errors; beyond this they are drawn at its ends.
         lo, hi = lo - 2 * limit, hi + 2 * limit
-        first = coarse(group[0].truth)
+        first = coarse(group[0].truth, side)
         factor, unit = group[0].shown
         result.append({
             "scene": group[0].scene, "quantity": group[0].quantity, "unit": group[0].unit, "error_unit": unit,
             "rows": first.shape[0], "cols": first.shape[1], "lo": lo, "hi": hi, "limit": limit * factor,
             "truth": packed(first, lo, hi),
             "estimates": {
-                p.estimator: relief(p, lo, hi, limit) for p in sorted(group, key=lambda p: _rank(p, order))
+                p.estimator: relief(p, lo, hi, limit, side) for p in sorted(group, key=lambda p: _rank(p, order))
             },
         })  # fmt: skip
     return result

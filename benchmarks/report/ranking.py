@@ -9,13 +9,15 @@ from ..scores.tables import read_numbers
 from .data import shown_as
 from .text import number, plural, rate, span
 
-__all__ = ["ranking_section", "read_ranking"]
+__all__ = ["ranking_section", "read_pairs", "read_ranking"]
 
 _GROUP = ("modality", "stage", "quantity", "condition")
 _NUMBERS = (
     "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage", "coverage_lo",
     "coverage_hi", "profile_best", "profile_area",
 )  # fmt: skip
+
+_PAIR_NUMBERS = ("scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm")
 
 
 def read_ranking(folder: Path) -> list[dict[str, Any]]:
@@ -27,6 +29,15 @@ def read_ranking(folder: Path) -> list[dict[str, Any]]:
     return read_numbers(folder / "ranking.csv", _NUMBERS, "The ranking")
 
 
+def read_pairs(folder: Path) -> list[dict[str, Any]]:
+    """The rows of pairs.csv; empty where the folder has no such file.
+
+    Raises:
+        InputError: the file is not such a table.
+    """
+    return read_numbers(folder / "pairs.csv", _PAIR_NUMBERS, "The table of pairs")
+
+
 def ranking_section(folder: Path) -> list[dict[str, Any]]:
     """One table per modality, quantity and condition: title, note, column heads and rows of text."""
     groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
@@ -36,15 +47,30 @@ def ranking_section(folder: Path) -> list[dict[str, Any]]:
     sections = []
     for key, rows in groups.items():
         scenes = int(rows[0]["scenes"])
-        note = f"Over {plural(scenes, 'scene')} without stress."
-        if scenes < 6:
-            note += " Ranks and intervals need at least six scenes; with fewer, all ranks remain open."
+        note = f"Over {plural(scenes, 'scene')} without stress. " + _basis(rows[0], rows)
         factor, unit = shown_as(rows[0]["modality"], rows[0]["quantity"], rows[0].get("unit", ""))
         head = ("rank", "estimator", f"RMSE over scenes, {unit}", "coverage", "best on", "area of profile")
         sections.append({
-            "title": f"{key[0]}, {key[3]}", "note": note, "head": head, "rows": [_row(row, factor) for row in rows],
+            "title": f"{key[0]}, {key[2]}, {key[3]}", "note": note, "head": head, "rows": [_row(row, factor) for row in rows],
         })  # fmt: skip
     return sections
+
+
+def _basis(first: dict[str, Any], rows: list[dict[str, Any]]) -> str:
+    """What the ranks and the intervals of a group rest on, and what they hold for."""
+    if len(rows) == 1:
+        return "There is one estimator, so nothing to rank."
+    if first["scenes"] >= 6:
+        return "Ranks and intervals are over scenes: they hold for other scenes of the kind."
+    if first.get("basis") != "tiles":
+        return "Ranks and intervals need at least six scenes, or errors by tile: all ranks remain open."
+    note = (
+        "That is too few to speak of other scenes. Ranks and intervals hold for these scenes, with new noise: errors are "
+        "compared tile by tile (8 × 8 tiles of an image, 64 of a record), and the tiles drawn anew (block bootstrap)."
+    )
+    if any(row["rmse_full_lo"] != row["rmse_full_lo"] for row in rows):
+        note += " An estimator without an interval has most of its error in a few tiles; its rank remains open."
+    return note
 
 
 def _row(row: dict[str, Any], factor: float) -> list[str]:

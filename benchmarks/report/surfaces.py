@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .pictures import Picture
 
-__all__ = ["MISSING", "coarse", "packed", "relief"]
+__all__ = ["MISSING", "SIDE", "coarse", "packed", "relief"]
 
 #: Longest side of a relief, samples: 4,096 quadrilaterals turn smoothly without a graphics processor.
 SIDE = 64
@@ -52,7 +52,7 @@ def packed(values: NDArray[Any], lo: float, hi: float) -> str:
     return base64.b64encode(codes.tobytes()).decode("ascii")
 
 
-def relief(picture: Picture, lo: float, hi: float, limit: float) -> dict[str, str]:
+def relief(picture: Picture, lo: float, hi: float, limit: float, side: int = SIDE) -> dict[str, str]:
     """Estimate and error of a picture, packed: the estimate from lo to hi, the error from −limit to limit, in its unit."""
     value, error = (np.where(picture.valid, a, np.nan) for a in (picture.value, picture.error))
-    return {"value": packed(coarse(value), lo, hi), "error": packed(coarse(error), -limit, limit)}
+    return {"value": packed(coarse(value, side), lo, hi), "error": packed(coarse(error, side), -limit, limit)}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..statistics.skips import skip_reason
 from .above_bound import above_bound
@@ -86,15 +87,43 @@ def _one_condition(cells: list[Cell]) -> tuple[list[Cell], str]:
     return [c for c in cells if c.condition == chosen], f" ({chosen})" if len(names) > 1 else ""
 
 
-def beaten_by_best(cells: list[Cell], ranked: list[Ranked]) -> tuple[int, int]:
-    """Numbers of estimators (significantly worse than the first of `ranked`, others in all) with results in as many cells.
+def beaten_by_best(
+    cells: list[Cell], ranked: list[Ranked], pairs: Sequence[Mapping[str, Any]] = ()
+) -> tuple[int, int, str]:
+    """Numbers of estimators (significantly worse than the first of `ranked`, others in all) with results in as many cells, and
+    what that rests on: "over scenes", "on these scenes" or, where nothing is decided, "".
 
-    Over scenes, by paired differences with Holm's correction, as in ranking.csv: with fewer than six scenes none is
-    significant.
+    Main arguments:
+        cells: of one condition, without stress. ranked: see `rank`.
+    Other arguments:
+        pairs: rows of pairs.csv; without them the pairs are compared over scenes, of which at least six are needed.
     """
+    names = {r.label for r in ranked if r.cells == ranked[0].cells}
+    best = ranked[0].label
+    rows = list(pairs) or _over_scenes(cells, sorted(names))
+    mine = [
+        row
+        for row in rows
+        if {row["a"], row["b"]} <= names
+        and best in (row["a"], row["b"])
+        and str(row.get("condition", "")) in ("", *(cell.condition for cell in cells[:1]))
+        and not str(row.get("quantity", "")).endswith("-mixed")
+    ]
+    bases = {str(row.get("basis", "")) for row in mine} & {"scenes", "tiles"}
+    # An estimator with several quantities is better only where it is better in all of them.
+    won: dict[str, bool] = {}
+    for row in mine:
+        other = str(row["b"] if row["a"] == best else row["a"])
+        won[other] = won.get(other, True) and row["winner"] == best
+    told = "on these scenes" if "tiles" in bases else "over scenes" if bases else ""
+    return sum(won.values()), len(names) - 1, told
+
+
+def _over_scenes(cells: list[Cell], names: list[str]) -> list[dict[str, Any]]:
+    """Pairs of estimators over scenes, by paired differences with Holm's correction, as rows of pairs.csv."""
+    from ..statistics.bootstrap import MIN_SCENES
     from ..statistics.pairs import pairwise
 
-    names = [r.label for r in ranked if r.cells == ranked[0].cells]
     scenes = sorted({cell.scene for cell in cells})
     squares: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for cell in cells:
@@ -102,11 +131,13 @@ def beaten_by_best(cells: list[Cell], ranked: list[Ranked]) -> tuple[int, int]:
             squares.setdefault((cell.label, cell.scene), []).append((cell.n, cell.n * cell.rmse_full**2))
     kept = [s for s in scenes if all((name, s) in squares for name in names)]
     if len(names) < 2 or not kept:
-        return 0, len(names) - 1
+        return []
     sums = [[[sum(part) for part in zip(*squares[name, s], strict=True)] for s in kept] for name in names]
     figures = [[max(math.sqrt(square / n), 1e-150) if n > 0 else math.nan for n, square in row] for row in sums]
-    pairs = pairwise(names, figures) if all(map(math.isfinite, chain.from_iterable(figures))) else []
-    return sum(pair.winner == names[0] for pair in pairs), len(names) - 1
+    if not all(map(math.isfinite, chain.from_iterable(figures))):
+        return []
+    basis = "scenes" if len(kept) >= MIN_SCENES else ""
+    return [{"a": p.a, "b": p.b, "winner": p.winner, "basis": basis} for p in pairwise(names, figures)]
 
 
 def failures_of(cells: list[Cell]) -> dict[str, list[Cell]]:
@@ -127,8 +158,12 @@ def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
     return {label: "; ".join(reasons) for label, reasons in found.items()}
 
 
-def summary(table: pd.DataFrame) -> list[str]:
-    """Three sentences: the smallest error and its significance, the fastest estimator, and the estimators that fail."""
+def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> list[str]:
+    """Three sentences: the smallest error and its significance, the fastest estimator, and the estimators that fail.
+
+    Main arguments:
+        table: scores. pairs: rows of pairs.csv, if there are any.
+    """
     cells = cells_of(table)
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
@@ -145,9 +180,14 @@ def summary(table: pd.DataFrame) -> list[str]:
     factor, unit = unit_scale(example) if example else (1.0, "")
     detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
     near = f", on average {best.bound_ratio:.2f} times the exact bound" if math.isfinite(best.bound_ratio) else ""
-    beaten, others = beaten_by_best(base, ranked)
+    beaten, others, basis = beaten_by_best(base, ranked, pairs)
     claim = "is the most accurate" if beaten == others > 0 else "has the smallest error"
-    doubt = f"; {beaten} of {plural(others, 'other')} significantly worse over scenes" if others > beaten else ""
+    if beaten == others:
+        doubt = " on these scenes" if others and basis == "on these scenes" else ""
+    elif basis:
+        doubt = f"; {beaten} of {plural(others, 'other')} significantly worse {basis}"
+    else:
+        doubt = "; too few scenes to say which differences are significant"
     first = (
         f"On {plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}, {best.label} {claim}{detail}{near}{doubt}."
     )
@@ -160,11 +200,14 @@ def summary(table: pd.DataFrame) -> list[str]:
             f"at {number(fastest.error_ratio)} times the smallest error."
         )
     failing = [label for label, places in said.items() if places]
+    mixed = [label for label, places in failures_of([cell for cell in cells if cell.mixed]).items() if places]
+    apart = f" On mixed {noun}s, which are scored apart, {plural(len(mixed), 'estimator')} did." if mixed else ""
     if failing:
         several = "estimators fail" if len(failing) > 1 else "estimator fails"
         third = f"{len(failing)} {several} on more than 10 % of the {noun}s in at least one case: {listed(failing)}."
     else:
         third = f"No estimator fails on more than 10 % of the {noun}s in any case."
+    third += apart
     return [first, second, third]
 
 
@@ -174,9 +217,13 @@ def _fastest(ranked: list[Ranked]) -> Ranked:
     return min(timed or ranked, key=lambda r: r.cpu_per_element_s)
 
 
-def closing_lines(scores: pd.DataFrame) -> list[str]:
+def closing_lines(scores: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> list[str]:
     """The last lines of a run in the terminal: most accurate and fastest estimator, results better than their bound, and where
-    each estimator fails."""
+    each estimator fails.
+
+    Main arguments:
+        scores: the table. pairs: rows of pairs.csv, if there are any.
+    """
     cells = cells_of(scores)
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
@@ -186,8 +233,8 @@ def closing_lines(scores: pd.DataFrame) -> list[str]:
         best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
         near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
         speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
-        beaten, others = beaten_by_best(base, ranked)
-        doubt = f", {beaten} of {plural(others, 'other')} significantly worse" if others else ""
+        beaten, others, basis = beaten_by_best(base, ranked, pairs)
+        doubt = f", {beaten} of {plural(others, 'other')} significantly worse {basis}".rstrip() if others else ""
         lines = [
             f"best     {best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}"
         ]

@@ -1,9 +1,16 @@
-"""One estimator in its own process: reads captures, times the calls, writes the estimates. Started by `runner`.
+"""One estimator in its own process: gets captures, calls the estimator, writes the estimates. Started by `runner`.
 
     python -P -m beambench.benchmarks.runner.child LABEL JOBS_FD EVENTS_FD
 
-Jobs arrive as lines of JSON on one pipe, and events are sent on another; standard output belongs to the estimator. Neither
-the truth nor its location is ever sent to this process.
+Orders arrive as lines of JSON on a socket, a capture as a handle with its order, and events are sent on a pipe; standard output
+belongs to the estimator. Neither the truth nor the location of any capture is sent to this process, and no time is measured
+here: the runner reads the clocks when this process says "ready" and "called", and this process waits for it at both.
+
+    order                      events
+    job, handle of a warm-up   started (once), warm or why not, idle
+    call, handle               ready
+    go                         called
+    keep                       done or invalid
 """
 
 from __future__ import annotations
@@ -15,20 +22,16 @@ import json
 import os
 import resource
 import signal
+import socket
 import sys
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-__all__ = ["main"]
+from .namespaces import supervised
 
-#: Calls whose total time is shorter than this are repeated, so that a time is a median with a spread.
-_ENOUGH_S = 0.1
-_MOST_CALLS = 5
-#: Least number of calls, unless the calls have already taken this long.
-_LEAST_CALLS, _LONG_S = 3, 1.0
+__all__ = ["main"]
 
 
 def _die_with_parent() -> None:
@@ -39,72 +42,19 @@ def _die_with_parent() -> None:
             os._exit(1)
 
 
-def _status_bytes(key: str) -> int:
-    """A value of /proc/self/status in bytes (`VmRSS`, `VmHWM`)."""
-    with open("/proc/self/status", encoding="ascii") as file:
-        for line in file:
-            if line.startswith(key + ":"):
-                return int(line.split()[1]) * 1024
-    raise OSError(f"no {key}")
-
-
-def _baseline() -> int:
-    """Return freed memory to the system, restart the high-water mark, and return the resident size in bytes."""
+def _rest() -> None:
+    """Return freed memory to the system, so that the peak of a call is its own."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:  # glibc only: with other allocators freed pages stay in the baseline
         trim(0)
-    with open("/proc/self/clear_refs", "w", encoding="ascii") as file:
-        file.write("5")
-    return _status_bytes("VmRSS")
-
-
-def _cpu_s() -> float:
-    """CPU time of all threads of this process and of its ended children, s."""
-    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + ended.ru_utime + ended.ru_stime
 
 
 def _touch(capture: Any) -> None:
-    """Read every page of the input, so that no call includes the time of the disk."""
+    """Read every page of the input, so that no call includes the time in which the pages are mapped."""
     for variable in capture.variables.values():
         if variable.values.size and variable.dtype.kind in "fiub":
             variable.values.max()
-
-
-def _again(wall: list[float]) -> bool:
-    """Whether more calls are needed for a reliable median of these times."""
-    spent = sum(wall)
-    few = len(wall) < _LEAST_CALLS and spent < _LONG_S
-    return not wall or few or (len(wall) < _MOST_CALLS and spent < _ENOUGH_S)
-
-
-def _measure(call: Callable[[Any], Any], capture: Any) -> tuple[Any, dict[str, Any]]:
-    """The estimate; CPU and wall time of each call and their medians, s; peak memory of the first call above the baseline."""
-    _touch(capture)
-    try:
-        before = _baseline()
-    except OSError:
-        before = -1  # a system without these files: the peak is reported as unknown
-    cpu: list[float] = []
-    wall: list[float] = []
-    result, peak = None, -1
-    while _again(wall):
-        cpu_start, wall_start = _cpu_s(), time.perf_counter()
-        answer = call(capture)
-        wall.append(time.perf_counter() - wall_start)
-        cpu.append(_cpu_s() - cpu_start)
-        if len(wall) == 1:
-            result = answer
-            peak = max(_status_bytes("VmHWM") - before, 0) if before >= 0 else -1
-    middle = (len(wall) - 1) // 2
-    return result, {
-        "cpu_s": sorted(cpu)[middle],
-        "wall_s": sorted(wall)[middle],
-        "cpu_calls": cpu,
-        "wall_calls": wall,
-        "peak_bytes": peak,
-    }
 
 
 def _save(result: Any, folder: Path, stage: Any, sizes: dict[str, int]) -> str:
@@ -180,66 +130,108 @@ def _ours(what: str) -> Iterator[None]:
         raise _HouseError(f"{what}: {_describe(error)}") from error
 
 
-class _Server:
-    """An estimator that carries out jobs, and reports each result."""
+class _Orders:
+    """Lines of JSON from a socket, and the handle that came with each."""
 
-    def __init__(self, label: str, tell: Callable[..., None]) -> None:
-        self.label, self.tell, self.warm = label, tell, False
+    def __init__(self, link: socket.socket) -> None:
+        self.link, self.text, self.handles = link, b"", list[int]()
+
+    def next(self) -> tuple[dict[str, Any], int]:
+        """The next order, {} at the end, and its handle, -1 if it has none."""
+        while b"\n" not in self.text:
+            data, handles, _, _ = socket.recv_fds(self.link, 1 << 16, 4)
+            self.handles += handles
+            if not data:
+                return {}, -1
+            self.text += data
+        line, _, self.text = self.text.partition(b"\n")
+        order = json.loads(line)
+        return order, self.handles.pop(0) if order.get("handle") else -1
+
+
+def _capture(handle: int) -> Any:
+    from .sealed import unpack
+
+    try:
+        return unpack(handle)
+    finally:
+        os.close(handle)
+
+
+class _Server:
+    """An estimator that carries out orders, and reports each result."""
+
+    def __init__(self, label: str, tell: Callable[..., None], orders: _Orders) -> None:
+        self.label, self.tell, self.orders, self.warm = label, tell, orders, False
         self.call, self.chosen = _bind(label)
         self.stage, self.unfit = self.chosen.stage, self.chosen.unfit
 
-    def serve(self, job: dict[str, Any]) -> bool:
-        """Carry out one job; return False if the estimator cannot run on this machine at all."""
+    def serve(self) -> bool:
+        """Carry out one order; return False at the end, or if the estimator cannot run on this machine at all."""
         from .estimator_labels import missing_package
         from .house import house_failure
 
-        if reason := _another(self.chosen, job["modality"]):
-            self.tell(event="skip", job=job["job"], message=reason)
-            return True
+        order, handle = self.orders.next()
+        if not order:
+            return False
         try:
-            event = self._answer(job)
+            self._begin(order, handle) if "job" in order else self._answer(order, handle)
         except _HouseError as error:
-            self.tell(event="house", job=job["job"], message=str(error))
+            self.tell(event="house", message=str(error))
             return False
         except MemoryError as error:
-            self.tell(event="memory", job=job["job"], message=_describe(error))
+            self.tell(event="memory", message=_describe(error))
         except BaseException as error:  # any exception of an estimator, SystemExit included, is a result
             if told := house_failure(error):
-                self.tell(event="house", job=job["job"], message=told)
+                self.tell(event="house", message=told)
                 return False
             absent = "" if self.warm else missing_package(error, _home(self.label))
             if absent:  # reported before the first estimate, for all captures: an estimator cannot choose which to skip
                 self.tell(event="refused", message=f"skip: needs the package {absent}")
                 return False
-            self.tell(event="error", job=job["job"], message=_describe(error))
-        else:
-            if event:
-                self.tell(job=job["job"], **event)
+            self.tell(event="error", message=_describe(error))
         return True
 
-    def _answer(self, job: dict[str, Any]) -> dict[str, Any]:
-        """The event that ends a job, with its times; none for a job that is only a warm-up."""
-        from .protocol import open_capture
-
+    def _begin(self, order: dict[str, Any], handle: int) -> None:
+        """Decide whether a capture can be read, and warm up with other data of its kind."""
+        if reason := _another(self.chosen, order["modality"]):
+            os.close(handle)
+            self.tell(event="skip", message=reason)
+            return
         with _ours("the capture cannot be read"):
-            capture = open_capture(Path(job["input"]), job["condition"])
+            capture = _capture(handle)
         # Decided by the declared rig, before the call: an estimator cannot skip captures because of their data.
         if reason := self.unfit(capture):
-            return {"event": "skip", "message": reason}
+            self.tell(event="skip", message=reason)
+            return
         if not self.warm:
-            self.call(capture)
-            self.warm = True
-        self.tell(event="warm", job=job["job"])
-        if job["only_warm"]:
-            return {}
-        result, figures = _measure(self.call, capture) if job["timed"] else (self.call(capture), {})
+            # What an estimator thinks of data that are drawn from a few elements is no result: the first call tells.
+            with contextlib.suppress(Exception):
+                self.call(capture)
+                self.warm = True
+        self.tell(event="warm", warm=self.warm)
+        del capture
+        _rest()
+        self.tell(event="idle")
+
+    def _answer(self, order: dict[str, Any], handle: int) -> None:
+        """Get a capture, call the estimator when told to, and write its answer when told to."""
+        with _ours("the capture cannot be read"):
+            capture = _capture(handle)
+            _touch(capture)
+        self.tell(event="ready")
+        self.orders.next()
+        result = self.call(capture)
+        self.tell(event="called")
+        self.warm = True
+        self.orders.next()
         with _ours("the answer cannot be written"):
-            wrong = _save(result, Path(job["output"]), self.stage, job["sizes"])
-        return ({"event": "invalid", "message": wrong} if wrong else {"event": "done"}) | figures
+            wrong = _save(result, Path(order["output"]), self.stage, order["sizes"])
+        self.tell(**({"event": "invalid", "message": wrong} if wrong else {"event": "done"}))
 
 
 def main(arguments: list[str]) -> int:
-    """Serve jobs until the pipe closes."""
+    """Carry out orders until the socket closes."""
     label, jobs_fd, events_fd = arguments[0], int(arguments[1]), int(arguments[2])
     _die_with_parent()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -249,9 +241,11 @@ def main(arguments: list[str]) -> int:
     def tell(**event: Any) -> None:
         os.write(events_fd, (json.dumps(event) + "\n").encode())
 
-    jobs = os.fdopen(jobs_fd, encoding="utf-8")
-    rules = json.loads(jobs.readline() or "{}")
-    if rules:  # before anything is imported: the jail holds for threads that are started later only
+    orders = _Orders(socket.socket(fileno=jobs_fd))
+    rules, _ = orders.next()
+    # Before anything is imported: both hold only for what is started later.
+    supervised(own=bool(rules.get("own")), close=(jobs_fd, events_fd, 1, 2))
+    if rules.get("read"):
         from .jail import seal
 
         seal(read=rules["read"], write=rules["write"])
@@ -259,16 +253,14 @@ def main(arguments: list[str]) -> int:
     from .estimator_labels import missing_package
 
     try:
-        server = _Server(label, tell)
+        server = _Server(label, tell, orders)
     except BaseException as error:
         absent = missing_package(error, _home(label))
         tell(event="refused", message=f"skip: needs the package {absent}" if absent else _describe(error))
         return 0
     tell(event="started", stage=server.stage.word)
-    with jobs:
-        for line in jobs:
-            if not server.serve(json.loads(line)):
-                break
+    while server.serve():
+        pass
     return 0
 
 

@@ -1,7 +1,9 @@
 """costs.csv: the cost of each estimate per call and per element, its spread, and the source of the times.
 
-`cpu_s` and `wall_s` are medians over the timed calls, `_min` and `_max` the shortest and the longest, `cpu_log_sd` the
-standard deviation of the logarithm of CPU times; `_per_element_s` divides by all elements of the capture, including
+The runner measures them, over the process of the estimator and all that it started. `cpu_s` and `wall_s` are medians over the
+timed calls, each on data that the process has not seen; `_first` is the first of them, whose answer is scored, and which follows
+a warm-up with data of eight elements; `_min` and `_max` are the shortest and the longest, `cpu_log_sd` the standard deviation of
+the logarithm of CPU times; `_per_element_s` divides by all elements of the capture, including
 those without truth. `source` is "measured", or "cache" for the times of an earlier run on this machine.
 """
 
@@ -14,19 +16,23 @@ from typing import Any
 
 import numpy as np
 
+from ...estimators.labels import label_of
+from ...scenes.errors import InputError
 from ..folders.files import write_text
 from ..runner.session import Outcome
 from ..scores.tables import read_numbers, to_csv
 
-__all__ = ["COST_COLUMNS", "cost_interval", "cost_row", "read_costs", "write_costs"]
+__all__ = ["COST_COLUMNS", "cost_interval", "cost_row", "quickened", "read_costs", "slow_starts", "write_costs"]
 
 _KEY = (
     "suite", "scene", "stress", "level", "stress2", "level2", "seed", "condition", "estimator", "params", "modality",
 )  # fmt: skip
 _TIMES = (
     "cpu_s", "cpu_s_min", "cpu_s_max", "cpu_log_sd", "cpu_per_element_s", "wall_s", "wall_s_min", "wall_s_max",
-    "wall_per_element_s", "peak_bytes",
+    "wall_per_element_s", "peak_bytes", "cpu_s_first", "wall_s_first",
 )  # fmt: skip
+_FIRST = ("cpu_s_first", "wall_s_first")
+_OLD_TIMES = tuple(name for name in _TIMES if name not in _FIRST)
 COST_COLUMNS = (*_KEY, "device_class", "elements", "calls", *_TIMES, "source")
 
 
@@ -40,6 +46,7 @@ def cost_row(key: Mapping[str, Any], outcome: Outcome, *, device_class: str, sou
         "cpu_per_element_s": outcome.cpu_s / elements, "wall_per_element_s": outcome.wall_s / elements,
     }  # fmt: skip
     for name, calls in (("cpu_s", outcome.cpu_calls), ("wall_s", outcome.wall_calls)):
+        row[f"{name}_first"] = calls[0] if calls else math.nan
         row[f"{name}_min"], row[f"{name}_max"] = min(calls, default=math.nan), max(calls, default=math.nan)
     positive = np.log([call for call in outcome.cpu_calls if call > 0])
     row["cpu_log_sd"] = float(positive.std(ddof=1)) if positive.size > 1 else math.nan
@@ -58,7 +65,45 @@ def read_costs(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: the file is not such a table.
     """
-    return read_numbers(folder / "costs.csv", ("elements", "calls", *_TIMES), "The table of costs")
+    rows = read_numbers(folder / "costs.csv", ("elements", "calls", *_OLD_TIMES), "The table of costs")
+    for row in rows:  # tables of before version 4 hold no first calls
+        for name in _FIRST:
+            try:
+                row[name] = float(row.get(name) or math.nan)
+            except (TypeError, ValueError) as error:
+                raise InputError(
+                    "The table of costs cannot be read.", where=str(folder / "costs.csv"), value=str(error)
+                ) from error
+    return rows
+
+
+def quickened(calls: Sequence[float]) -> bool:
+    """Whether the first of some calls took more than 3 times the median of the others, and 20 ms more.
+
+    All have data that are new to the estimator, and follow a warm-up: one that is so much faster later has kept something.
+    """
+    if len(calls) < 2:
+        return False
+    others = float(np.median(calls[1:]))
+    return calls[0] > 3.0 * others and calls[0] > others + 0.02
+
+
+def slow_starts(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """A sentence for every estimator with a row whose first call is much slower than the median of all, by CPU time."""
+    found: dict[str, str] = {}
+    for row in rows:
+        first, middle = float(row["cpu_s_first"]), float(row["cpu_s"])
+        if first > 3.0 * middle and first > middle + 0.02:
+            label = label_of(str(row["estimator"]), str(row["params"]))
+            ratio = first / middle if middle > 0 else math.inf
+            found.setdefault(
+                label,
+                (
+                    f"{label}, {row['scene']}: the first call on new data takes {ratio:.3g} times the CPU time of the median call; "
+                    "see cpu_s_first in costs.csv."
+                ),
+            )
+    return list(found.values())
 
 
 def cost_interval(

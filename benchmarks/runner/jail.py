@@ -6,8 +6,8 @@ Under the rules a process opens no file outside the given folders, so neither th
 parent (/proc/PID of others) can be read; it opens no TCP connection; and it signals no process outside. Root is bound by it too.
 System calls by number, as the C library has no wrappers: landlock(7), kernel 5.13 and newer.
 
-What it does not stop: UDP and Unix sockets, load on processor and memory, names in folders that may be listed, and the folder of
-compiled code, which all children share and may write.
+What it does not stop: load on processor and memory, names in folders that may be listed, and, without namespaces, UDP and Unix
+sockets with a name.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ import struct
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+
+from .namespaces import works
 
 __all__ = ["OFF", "abi", "isolation", "readable", "seal"]
 
@@ -75,14 +77,17 @@ def isolation() -> str:
     if os.environ.get(OFF) == "none":
         return f"processes only ({OFF}=none): a plug-in can read files, the network and other processes of its user"
     version = abi()
+    spaces = "namespaces of processes, network, /dev/shm" if works() else ""
     if not version:
+        if spaces:
+            return f"{spaces}; no Landlock: a plug-in can read files of its user"
         return "processes only (no Landlock): a plug-in can read files, the network and other processes of its user"
     parts = ["files"]
     if version >= 4:
         parts.append("TCP")
     if version >= 6:
         parts += ["signals", "abstract sockets"]
-    return f"Landlock {version}: {', '.join(parts)}"
+    return f"Landlock {version}: {', '.join(parts)}" + (f"; {spaces}" if spaces else "; no namespaces")
 
 
 def readable(hidden: Iterable[Path]) -> list[str]:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import secrets
+import shutil
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterable
 from functools import lru_cache
@@ -17,7 +21,9 @@ from typing import Any
 
 from ...optics.jit import GIVEN_HASH, cache_folder, source_hash
 from ...scenes.json_keys import read_json
+from . import tree
 from .jail import OFF, abi, readable
+from .namespaces import works
 from .protocol import THREAD_VARIABLES
 
 __all__ = ["Child", "child_environment", "jail_rules"]
@@ -25,7 +31,6 @@ __all__ = ["Child", "child_environment", "jail_rules"]
 #: Variable by which the descendants of a child are known.
 _TOKEN = "BEAMBENCH_CHILD"
 
-_SCAN_S = 0.5  # for descendants, as their list needs a pass over all processes
 _TAIL = 2000  # bytes kept of a child's printed output
 
 
@@ -41,22 +46,57 @@ def child_environment() -> dict[str, str]:
     return environment
 
 
-def jail_rules(label: str, folder: Path, inputs: Iterable[Path], hidden: Iterable[Path]) -> dict[str, Any]:
-    """The first line that a child reads: {"read": [path], "write": [path]}, or {} without a jail.
+def jail_rules(label: str, folder: Path, hidden: Iterable[Path]) -> dict[str, Any]:
+    """The first line that a child reads: {"own": whether it gets namespaces, "read": [path], "write": [path]}.
 
     Main arguments:
         label: the files that its parameters name (weights) may be read. folder: working folder; the answers lie beside it.
-        inputs: what it may read of the run. hidden: folders that it may not read wherever they are.
+        hidden: folders that it may not read wherever they are.
+
+    Captures are in no folder that it may read: it gets their handles. Without a jail, and where the kernel has no Landlock, there
+    are no paths.
     """
-    if os.environ.get(OFF) == "none" or not abi():
-        return {}
+    if os.environ.get(OFF) == "none":
+        return {"own": False}
+    own = works()
+    if not abi():
+        return {"own": own}
     from ...estimators.labels import parse_label
 
     values = [value for value in parse_label(label)[1].values() if isinstance(value, str) and os.path.isabs(value)]
+    # Its own /proc shows its own processes only, and its own /dev/shm is not that of the machine.
     return {
-        "read": [*_readable(tuple(hidden), tuple(sys.path)), *map(str, inputs), *values],
-        "write": [str(folder.parent), str(cache_folder())],
+        "own": own,
+        "read": [*_readable(tuple(hidden), tuple(sys.path)), *(["/proc"] if own else []), *values],
+        "write": [str(folder.parent), str(own_cache(label) or cache_folder()), *(["/dev/shm"] if own else [])],
     }
+
+
+def own_cache(label: str) -> Path | None:
+    """The folder of compiled code that a plug-in may write; None for built-ins, which share the one of the house.
+
+    What a plug-in plants there, no other estimator loads. It starts as a copy of the shared folder, so that built-in kernels are
+    not compiled again. Raises OSError where it cannot be written.
+    """
+    from ...estimators import BUILTIN
+    from ...estimators.labels import links_of, parse_label
+
+    foreign = [link for link in links_of(parse_label(label)[0]) if link not in BUILTIN]
+    if not foreign:
+        return None
+    shared = cache_folder()
+    own = shared.parent / "beambench-plug-ins" / hashlib.sha256("+".join(foreign).encode()).hexdigest()[:16]
+    place = own / "beambench" / "numba" / shared.name
+    if not place.is_dir():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(dir=place.parent))
+        for path in sorted(shared.rglob("*")):
+            with contextlib.suppress(OSError):  # what another process removes meanwhile is compiled anew
+                target = partial / path.relative_to(shared)
+                target.mkdir(exist_ok=True) if path.is_dir() else shutil.copyfile(path, target)
+        with contextlib.suppress(OSError):  # another run was faster
+            partial.rename(place)
+    return own
 
 
 @lru_cache(maxsize=4)
@@ -68,10 +108,10 @@ def _readable(hidden: tuple[Path, ...], import_path: tuple[str, ...]) -> list[st
 class Child:
     """A started child and its pipes."""
 
-    def __init__(self, label: str, folder: Path, *, inputs: Iterable[Path] = (), hidden: Iterable[Path] = ()) -> None:
+    def __init__(self, label: str, folder: Path, *, hidden: Iterable[Path] = ()) -> None:
         self.token = secrets.token_hex(16)
-        rules = jail_rules(label, folder, inputs, hidden)
-        jobs_read, jobs_write = os.pipe()
+        rules = jail_rules(label, folder, hidden)
+        self.jobs, theirs = socket.socketpair()
         events_read, events_write = os.pipe()
         command = [
             sys.executable,
@@ -79,44 +119,50 @@ class Child:
             "-m",
             "beambench.benchmarks.runner.child",
             label,
-            str(jobs_read),
+            str(theirs.fileno()),
             str(events_write),
         ]
         (folder / "tmp").mkdir(parents=True, exist_ok=True)
+        environment = child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token}
+        if cache := own_cache(label):
+            environment["XDG_CACHE_HOME"] = str(cache)
         try:
             self.process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                pass_fds=(jobs_read, events_write),
+                pass_fds=(theirs.fileno(), events_write),
                 start_new_session=True,
                 cwd=folder,
-                env=child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token},
+                env=environment,
             )
         except BaseException:
-            os.close(jobs_write)
+            self.jobs.close()
             os.close(events_read)
             raise
         finally:
-            os.close(jobs_read)
+            theirs.close()
             os.close(events_write)
         assert self.process.stdout is not None
-        self.jobs, self.events, self.output = jobs_write, events_read, self.process.stdout.fileno()
-        self.started = self.warm = False
+        self.events, self.output = events_read, self.process.stdout.fileno()
+        self.warm = False
+        self.waiting: list[dict[str, Any]] = []  # events that were read and not yet expected
         self.stage = ""
         self.buffer = b""
         self.printed, self.tail = 0, b""
-        self._descendants: list[Any] = []
-        self._scanned = 0.0
+        #: Processes that only wait for the worker: this one, and its `init` in namespaces of its own.
+        self._above = 2 if rules["own"] else 1
         for fd in (self.events, self.output):
             os.set_blocking(fd, False)
         self.send(rules)
 
-    def send(self, message: dict[str, Any]) -> None:
-        """Send one line of JSON."""
-        with contextlib.suppress(BrokenPipeError):  # the end of the events shows that the child has ended
-            os.write(self.jobs, (json.dumps(message) + "\n").encode())
+    def send(self, message: dict[str, Any], handle: int | None = None) -> None:
+        """Send one line of JSON, and with it the handle of a file."""
+        line = (json.dumps(message | ({} if handle is None else {"handle": True})) + "\n").encode()
+        with contextlib.suppress(OSError):  # the end of the events shows that the child has ended
+            sent = socket.send_fds(self.jobs, [line], [] if handle is None else [handle])
+            self.jobs.sendall(line[sent:])
 
     def read_output(self) -> bool:
         """Read the printed output of the estimator, and keep its end. False at the end of the stream."""
@@ -127,33 +173,34 @@ class Child:
         self.tail = (self.tail + data)[-_TAIL:]
         return bool(data)
 
-    def read_events(self) -> tuple[list[dict[str, Any]], bool]:
-        """Complete lines of events, and whether the pipe is still open. A line that is not an event ends the child."""
+    def read_events(self) -> bool:
+        """Read complete lines of events into `waiting`; False if the pipe is closed.
+
+        Raises ValueError for a line that is not an event; it ends the child.
+        """
         data = _read(self.events)
         if data is None:
-            return [], True
+            return True
         self.buffer += data
         *lines, self.buffer = self.buffer.split(b"\n")
         events = [read_json(line) for line in lines]
         if len(self.buffer) > 1 << 16 or any(not isinstance(event, dict) for event in events):
             raise ValueError("the child sent no events")
-        return events, bool(data)
+        self.waiting += events
+        return bool(data)
 
     def resident_bytes(self) -> int:
-        """Resident memory of the child and of its known descendants, bytes."""
-        import psutil
+        """Resident memory of the worker and of all that it started, bytes."""
+        return tree.resident_bytes(tree.descendants(self.process.pid)[self._above - 1 :])
 
-        total = 0
-        try:
-            process = psutil.Process(self.process.pid)
-            if time.monotonic() - self._scanned > _SCAN_S:
-                self._descendants, self._scanned = process.children(recursive=True), time.monotonic()
-            for member in (process, *self._descendants):
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    total += member.memory_info().rss
-        except psutil.Error:
-            return total
-        return total
+    def worker(self) -> int:
+        """The process that runs the estimator."""
+        below = tree.descendants(self.process.pid)
+        return below[self._above - 1] if len(below) >= self._above else self.process.pid
+
+    def cpu_s(self) -> float:
+        """CPU time of the worker and of all that it started, s."""
+        return tree.cpu_s(self.process.pid)
 
     def ended(self, timeout_s: float) -> bool:
         """Wait for the end of the child without reaping it, so that its process group keeps its id until it is killed."""
@@ -180,23 +227,17 @@ class Child:
 
     def end(self, *, kill: bool) -> int:
         """Close the pipes, wait for the child or kill it with its descendants, and return its exit code."""
-        import psutil
-
         if self.process.returncode is not None:
             return self.process.returncode
 
-        with contextlib.suppress(OSError):
-            os.close(self.jobs)
-        try:
-            descendants = psutil.Process(self.process.pid).children(recursive=True)
-        except psutil.Error:
-            descendants = []
+        self.jobs.close()
         if not kill:
             self.ended(2.0)
+        below = tree.descendants(self.process.pid)
         self.kill()
-        for member in (*self._descendants, *descendants):  # descendants that left the group
-            with contextlib.suppress(psutil.Error):
-                member.kill()
+        for pid in below:  # those that left the group, where there is no namespace
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
         code = self.process.wait()
         self._kill_strays()
         os.close(self.events)

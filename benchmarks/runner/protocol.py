@@ -1,14 +1,15 @@
 """The protocol between runner and child: arrays as .npy files (never pickled), everything else as lines of JSON.
 
 Folder of one capture: `<variable>.npy` for every variable and coordinate, `meta-<condition>.json` with the dimensions
-and attributes of each. The child maps the arrays read-only. Its result is one .npy file per variable and one line of JSON.
+and attributes of each. The child gets them as a sealed block (`sealed`), never the folder. Its result is one .npy file
+per variable and one line of JSON.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,12 @@ import numpy as np
 import xarray as xr
 
 from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
+from ...scenes.errors import InputError
+from ...scenes.npz import read_npy
+from ...scenes.plain_text import plain_text
 
 __all__ = [
-    "THREAD_VARIABLES", "file_sums", "files_of", "misshapen", "open_capture", "read_results", "unsound", "write_capture",
+    "THREAD_VARIABLES", "content_id", "file_sums", "files_of", "misshapen", "read_results", "unsound", "write_capture",
     "write_meta",
 ]  # fmt: skip
 
@@ -73,16 +77,12 @@ def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
     (folder / f"meta-{condition}.json").write_text(json.dumps(meta), encoding="utf-8")
 
 
-def open_capture(folder: Path, condition: str) -> xr.Dataset:
-    """Map a capture's arrays read-only, and build the dataset for an estimator."""
-    meta = json.loads((folder / f"meta-{condition}.json").read_text(encoding="utf-8"))
-    data: dict[str, Any] = {}
-    coords: dict[str, Any] = {}
-    for name, entry in meta["variables"].items():
-        array = np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
-        # A view of a read-only mapping: its flag `writeable` cannot be set, because the base is read-only.
-        (coords if entry["coordinate"] else data)[name] = (entry["dims"], array.view(np.ndarray), entry["attrs"])
-    return xr.Dataset(data, coords=coords, attrs=meta["attrs"])
+def file_sums(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file of a capture, which shows whether an estimator has changed the input of the next one.
+
+    A CRC would not: other bytes with the same one are found at once.
+    """
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
 
 
 def files_of(folder: Path, condition: str) -> list[Path]:
@@ -90,9 +90,13 @@ def files_of(folder: Path, condition: str) -> list[Path]:
     return [*sorted(folder.glob("*.npy")), folder / f"meta-{condition}.json"]
 
 
-def file_sums(folder: Path) -> dict[str, int]:
-    """CRC-32 of every file of a capture, which shows whether an estimator has changed the input of the next one."""
-    return {path.name: zlib.crc32(path.read_bytes()) for path in sorted(folder.iterdir())}
+def content_id(folder: Path, condition: str) -> str:
+    """SHA-256, in hex, of all that an estimator reads of a capture under one condition: arrays, coordinates, declared rig."""
+    digest = hashlib.sha256()
+    for path in files_of(folder, condition):
+        shown = "meta" if path.suffix == ".json" else path.name
+        digest.update(shown.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]) -> str:
@@ -128,14 +132,15 @@ def read_results(folder: Path, stage: Stage, sizes: dict[str, int]) -> tuple[dic
         if not path.is_file() or os.path.islink(path):
             return {}, f"no variable {name!r}"
         try:
-            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-        except (ValueError, OSError, EOFError) as error:
-            return {}, f"{name} is not an array: {error}"
-        if wrong := misshapen(name, dims, mapped.shape, known):
+            # Read, not mapped: the child may shorten the file meanwhile, and a mapping would end this process (SIGBUS).
+            found = read_npy(path, name)
+        except InputError as error:
+            return {}, plain_text(f"{name} is not an array: {error.value}")
+        if wrong := misshapen(name, dims, found.shape, known):
             return {}, wrong
-        if mapped.dtype.kind != ("b" if name in flags else "f"):
-            return {}, f"{name} is of type {mapped.dtype}"
-        arrays[name] = np.array(mapped, dtype=bool if name in flags else np.float64)
+        if found.dtype.kind != ("b" if name in flags else "f"):
+            return {}, f"{name} is of type {found.dtype}"
+        arrays[name] = np.array(found, dtype=bool if name in flags else np.float64)
     wrong = unsound(arrays, stage)
     return ({}, wrong) if wrong else (arrays, "")
 

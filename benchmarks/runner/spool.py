@@ -34,7 +34,7 @@ class Entry:
     folder: Path
     modality: str
     sizes: dict[str, int]
-    sums: dict[str, int]
+    sums: dict[str, str]
     bytes: int
 
 
@@ -134,7 +134,7 @@ def _flat(truth: Mapping[str, Truth], bound: Mapping[str, Bound]) -> dict[str, n
         arrays |= {f"{name}:other-{number}": other for number, other in enumerate(true.alternatives)}
         one = bound[name]
         arrays |= {f"{name}:bound": one.sigma, f"{name}:kind": np.array(one.kind)}
-        arrays[f"{name}:scales"] = np.array([one.scale, one.window])
+        arrays[f"{name}:scales"] = np.array([one.scale, one.window, one.drawn])
     return arrays
 
 
@@ -145,6 +145,6 @@ def _nested(arrays: dict[str, np.ndarray[Any, Any]]) -> tuple[dict[str, Truth], 
     for name in [key.removesuffix(":value") for key in arrays if key.endswith(":value")]:
         others = sorted(key for key in arrays if key.startswith(f"{name}:other-"))
         truth[name] = Truth(arrays[f"{name}:value"], arrays[f"{name}:mixed"], tuple(arrays[key] for key in others))
-        scale, window = map(float, arrays[f"{name}:scales"])
-        bound[name] = Bound(arrays[f"{name}:bound"], str(arrays[f"{name}:kind"]), scale, window)
+        scale, window, drawn = map(float, arrays[f"{name}:scales"])
+        bound[name] = Bound(arrays[f"{name}:bound"], str(arrays[f"{name}:kind"]), scale, window, drawn)
     return truth, bound

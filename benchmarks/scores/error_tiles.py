@@ -19,7 +19,7 @@ from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
 from ...scenes.npz import read_npz
 from ..folders.files import write_atomic
-from .truth import Bound, Truth, errors_of, single_valued
+from .truth import Truth, errors_of, single_valued
 
 __all__ = ["FILE", "TileKey", "read_tiles", "tile_sums", "tiles_of", "write_tiles"]
 
@@ -42,16 +42,21 @@ def tiles_of(shape: tuple[int, ...]) -> npt.NDArray[np.intp]:
     return np.broadcast_to(plane.reshape(plane.shape + (1,) * (len(shape) - 2)), shape)
 
 
-def tile_sums(estimate: tuple[Float, npt.NDArray[np.bool_]] | None, truth: Truth, bound: Bound) -> tuple[Float, Float]:
-    """(sums, counts) per tile (64) of one estimate (value, valid); without an estimate (None) every element is invalid."""
+def tile_sums(
+    estimate: tuple[Float, npt.NDArray[np.bool_]] | None, truth: Truth, refusal: float
+) -> tuple[Float, Float]:
+    """(sums, counts) per tile (64) of one estimate (value, valid); without an estimate (None) every element is invalid.
+
+    `refusal`: the error of an invalid element (`refusal_error`).
+    """
     chosen = single_valued(truth)
     tile = tiles_of(truth.value.shape)[chosen]
     counts = np.bincount(tile, minlength=_TILES).astype(np.float64)
     if estimate is None:
-        return counts * bound.prior**2, counts
+        return counts * refusal**2, counts
     value, answered = estimate
     valid, error = answered[chosen], errors_of(value, truth)[chosen]
-    sums = np.bincount(tile, weights=np.where(valid, error, bound.prior) ** 2, minlength=_TILES)
+    sums = np.bincount(tile, weights=np.where(valid, error, refusal) ** 2, minlength=_TILES)
     return np.asarray(sums, np.float64), counts
 
 

@@ -5,7 +5,8 @@ threshold:
 
     coverage = |V|/n                    failure_rate = fraction of n invalid or with |e| > L,
                                         L = max(X, min(5 b, max(2 X, scale)))
-    bias, rmse, mae, p95 over V         rmse_full: invalid elements count with the prior's error, window/√12
+    bias, rmse, mae, p95 over V         rmse_full: invalid elements count with the error of the best constant guess,
+                                        at most window/√12 (`refusal_error`)
     bound = √mean(b²) over V            efficiency = 1/mean((e/b)²) over V, outliers included;
     z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or the bias is real
     cover95 = fraction of V with |e| ≤ 1.96 σ
@@ -32,7 +33,7 @@ import numpy.typing as npt
 
 from ...captures.quantities import Quantity, Stage
 from ..statistics.pooled import bias_is_real, block_bootstrap_ratio, block_ids
-from .truth import Bound, Truth, aligned, errors_of, failure_limit
+from .truth import Bound, Truth, aligned, errors_of, failure_limit, refusal_error
 
 __all__ = ["ACCURACY", "COLUMNS", "KEY", "REGULAR_KINDS", "TIMES", "mixed_name", "score_rows"]
 
@@ -128,6 +129,7 @@ def _quantity_rows(
         figures = _figures(
             errors[chosen], sigma[chosen], valid[chosen], sigma_bound, blocks[chosen],
             failure_limit(sigma_bound, bound, failure_at), bound.prior,
+            refusal_error(truth, chosen, bound),
         )  # fmt: skip
         figures["bound_kind"] = _kind(bound, sigma_bound) if unmixed else "none"
         rows.append({
@@ -147,7 +149,14 @@ def _kind(bound: Bound, sigma: Float) -> str:
 
 
 def _figures(
-    error: Float, sigma: Float, valid: Bool, bound: Float, block: npt.NDArray[np.intp], limit: Float, prior: float
+    error: Float,
+    sigma: Float,
+    valid: Bool,
+    bound: Float,
+    block: npt.NDArray[np.intp],
+    limit: Float,
+    prior: float,
+    refusal: float,
 ) -> dict[str, Any]:
     nan = math.nan
     n = int(error.size)
@@ -162,7 +171,7 @@ def _figures(
         failed = ~valid | ~(np.abs(error) <= limit)
     figures["coverage"] = float(valid.mean())
     figures["failure_rate"] = float(failed.mean())
-    figures["rmse_full"] = float(np.sqrt((np.where(valid, error, prior) ** 2).mean()))
+    figures["rmse_full"] = float(np.sqrt((np.where(valid, error, refusal) ** 2).mean()))
     if not valid.any():
         return figures
     e, s, b = error[valid], sigma[valid], np.minimum(bound[valid], prior)

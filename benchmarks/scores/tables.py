@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...scenes.errors import InputError
 from ..folders.files import write_atomic, write_text
-from ..statistics.tables import inference_tables
+from ..statistics.tables import Tiles, inference_tables
 from .score import ACCURACY, COLUMNS, KEY
 from .summary import SUMMARY_COLUMNS, summarise
 
@@ -61,13 +61,13 @@ def sort_rows(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(rows, key=_sort_key)
 
 
-def write_tables(folder: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write all tables of a run into `folder`, each completely or not at all."""
+def write_tables(folder: Path, rows: Iterable[dict[str, Any]], tiles: Tiles | None = None) -> None:
+    """Write all tables of a run into `folder`, each completely or not at all; `tiles`: its errors by tile, for the ranking."""
     ordered = sort_rows(rows)
     write_text(folder / "scores.csv", to_csv(ordered, COLUMNS))
     write_text(folder / "accuracy.csv", to_csv(ordered, ACCURACY))
     write_text(folder / "summary.csv", to_csv(summarise(ordered), SUMMARY_COLUMNS))
-    for name, (columns, found) in inference_tables(ordered).items():
+    for name, (columns, found) in inference_tables(ordered, tiles).items():
         write_text(folder / name, to_csv(found, columns))
     write_atomic(folder / "scores.parquet", lambda path: _write_parquet(path, ordered))
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...captures.quantities import Quantity, Stage
 
-__all__ = ["Bound", "Truth", "aligned", "errors_of", "failure_limit", "single_valued"]
+__all__ = ["Bound", "Truth", "aligned", "errors_of", "failure_limit", "refusal_error", "single_valued"]
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -47,17 +47,38 @@ class Bound:
         kind: "exact", "quasi", "ziv-zakai", "bayes" or "none".
         scale: width of the echo, line or spot, as a standard deviation; an estimate with a larger error follows another signal.
         window: span of the values that can be estimated from the capture.
+    Other arguments:
+        drawn: standard deviation with which the suite draws the values of a scene, per seed; NaN if it does not.
     """
 
     sigma: Float
     kind: str
     scale: float
     window: float
+    drawn: float = math.nan
 
     @property
     def prior(self) -> float:
         """Standard error of an estimate drawn uniformly from the window: window/√12."""
         return self.window / math.sqrt(12.0)
+
+
+def refusal_error(truth: Truth, chosen: Bool, bound: Bound) -> float:
+    """The error with which a refused element of a row counts: that of the best constant guess by one who knows the suite.
+
+        P² = min(window²/12, var(truth) + drawn²)
+
+    Main arguments:
+        truth, bound: of the quantity. chosen: flags of the row's elements, in the shape of the truth.
+
+    One number for all elements errs by var(truth) + (mean − guess)², and the mean is drawn per seed, so that no guess has a
+    smaller mean square than var(truth) + drawn² over seeds: who guesses gains nothing over one who refuses. Where the suite draws
+    nothing, P = window/√12, that of a guess in a window of which nothing is known.
+    """
+    if not math.isfinite(bound.drawn) or not chosen.any():
+        return bound.prior
+    spread = float(truth.value[chosen].std())
+    return min(bound.prior, math.hypot(spread, bound.drawn))
 
 
 def single_valued(truth: Truth) -> Bool:

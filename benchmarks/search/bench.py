@@ -143,7 +143,7 @@ class Bench:
     def _ask(self, label: str, job: Job) -> Outcome:
         if label not in self._sessions:
             place = self._spool.open / f"estimator-{len(self._sessions)}"
-            self._sessions[label] = Session(label, [], self.limits, place, inputs=self._spool.open)
+            self._sessions[label] = Session(label, [], self.limits, place)
         session = self._sessions[label]
         session.jobs = [job]
         outcomes: list[Outcome] = []

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ...estimators.listing import modality_read
 from ...scenes.errors import InputError
 from ...scenes.load import load_scene
-from ...scenes.rigs import RIGS, rig_kind
+from ...scenes.rigs import rig_kind
 from ...scenes.scene import Scene
 from ..judges import judge_of
 from ..runner.estimator_labels import Chosen, check_estimators
@@ -73,7 +74,7 @@ def plan_break(
             value=(budget, factor, side),
             allowed="budget 1 … 100000, factor over 1, side 2 … 1024",
         )
-    scenes = tuple(scenes or judge_of(_modality(target.name)).scenes)
+    scenes = tuple(scenes or judge_of(modality_read(target.name)).scenes)
     modalities = {load_scene(scene).modality for scene in scenes}
     if len(modalities) != 1:
         raise InputError(
@@ -90,14 +91,3 @@ def plan_break(
     base = {**rig_kind(modality).resize(side), **(overrides or {})}
     loaded = {scene: load_scene(scene, base) for scene in scenes}
     return Plan(target, others, scenes, loaded, base, dict(overrides or {}), side, factor, budget, seed)
-
-
-def _modality(name: str) -> str:
-    """The modality of the captures that an estimator reads: of a chain that of its built-in links. This function never imports a
-    plug-in: without named scenes, one is assumed to read the first modality."""
-    from ...estimators.chain import is_built_in
-    from ...estimators.labels import links_of
-    from ...estimators.registry import get_estimator
-
-    known = [get_estimator(link).modality for link in links_of(name) if is_built_in(link)]
-    return known[0] if known else next(iter(RIGS))

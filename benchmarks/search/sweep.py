@@ -91,8 +91,7 @@ def sweep_suite(
         raise InputError("The sweep is too small or too large.", where="budget, depth", value=(budget, depth),
                          allowed="budget 2 … 1000, depth 0 … 8")  # fmt: skip
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
-    _check_levels(loaded)
-    check_rungs(cells_of(loaded, split), loaded.suite.rtol)
+    _check_levels(loaded, split)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
     settings: dict[str, Any] = {"verb": SWEEP.verb, "split": split, "budget": budget, "depth": depth}
     sweep = _Sweep(loaded, chosen, split, budget, depth, progress)
@@ -110,8 +109,8 @@ def sweep_suite(
     return replace(result, out=folder, pictures=pictures, report=page, wall_s=time.perf_counter() - start)
 
 
-def _check_levels(loaded: Loaded) -> None:
-    """Raise InputError for levels that neither rise nor fall throughout, or that a scene cannot have."""
+def _check_levels(loaded: Loaded, split: Split) -> None:
+    """Raise InputError for levels that neither rise nor fall throughout, or that a scene or its rung cannot have."""
     for stress in loaded.suite.stresses:
         check_levels(stress.values, stress.axis)
         if stress.axis2 is not None:
@@ -121,6 +120,7 @@ def _check_levels(loaded: Loaded) -> None:
                 stressed(scene, [(stress.axis, level)])
             for level in stress.values2 if stress.axis2 is not None else ():
                 stressed(scene, [(stress.axis, stress.values[0]), (stress.axis2 or "", level)])
+    check_rungs(cells_of(loaded, split), loaded.suite.rtol)
 
 
 def _sweep_in(folder: Path, sweep: _Sweep, settings: dict[str, Any], report: bool) -> SweepResult:

@@ -18,10 +18,11 @@ import numpy.typing as npt
 from ...estimators.labels import label_of
 from ...scenes.errors import InputError
 from ..statistics.skips import not_applicable
-from .bootstrap import studentised
+from .bootstrap import MIN_SCENES, studentised
 from .pairs import Pair, pairwise
 from .profiles import Profile, performance_profiles
 from .rates import clustered_interval
+from .tile_ranks import compare_by_tiles
 
 __all__ = ["Comparison", "Ranked", "ScoreMatrix", "compare_estimators", "score_matrix"]
 
@@ -59,11 +60,16 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of the estimators in a score table: ranks (best first), all pairs, and profiles."""
+    """Comparison of the estimators in a score table: ranks (best first), all pairs, and profiles.
+
+    basis: what ranks and intervals rest on: "scenes", then they hold for other scenes of the kind; "tiles", then they hold for
+    these scenes only; "" where nothing is decided.
+    """
 
     ranked: list[Ranked]
     pairs: list[Pair]
     profiles: list[Profile]
+    basis: str = "scenes"
 
 
 def _label(row: dict[str, Any]) -> str:
@@ -130,8 +136,17 @@ def score_matrix(
     return ScoreMatrix(names, scenes, np.sqrt(square / n), refused, n)
 
 
-def compare_estimators(matrix: ScoreMatrix, *, alpha: float = 0.05) -> Comparison:
-    """Rank, compare in pairs and profile. With fewer scenes than an interval needs, ranks are 1 to the number of estimators.
+def compare_estimators(
+    matrix: ScoreMatrix, *, tiles: list[tuple[Float, Float]] | None = None, alpha: float = 0.05
+) -> Comparison:
+    """Rank, compare in pairs and profile.
+
+    Main arguments:
+        matrix: see `score_matrix`.
+    Other arguments:
+        tiles: errors by tile in each scene of the matrix, (sums (estimator, tile), counts). With fewer scenes than an interval
+        needs, ranks rest on them; without them they are 1 to the number of estimators.
+        alpha: family-wise error rate.
 
     A figure of exactly zero (a noise-free scene) is replaced by the root of the smallest positive number, so that its
     logarithm exists; estimators that are equal there remain equal.
@@ -139,6 +154,10 @@ def compare_estimators(matrix: ScoreMatrix, *, alpha: float = 0.05) -> Compariso
     figures = np.maximum(matrix.rmse_full, 1e-150)
     pairs = pairwise(matrix.names, figures, alpha=alpha)
     found = studentised(np.log(figures))
+    low_of, high_of = np.exp(found.low), np.exp(found.high)
+    basis = "scenes" if len(matrix.scenes) >= MIN_SCENES else ""
+    if not basis and tiles is not None and (by_tile := compare_by_tiles(matrix.names, tiles, alpha=alpha)) is not None:
+        pairs, low_of, high_of, basis = by_tile.pairs, by_tile.low, by_tile.high, "tiles"
     beaten = dict.fromkeys(matrix.names, 0)
     beats = dict.fromkeys(matrix.names, 0)
     for pair in pairs:
@@ -150,9 +169,9 @@ def compare_estimators(matrix: ScoreMatrix, *, alpha: float = 0.05) -> Compariso
         share, low, high = clustered_interval(matrix.n[i] - matrix.refused[i], matrix.n[i])
         ranked.append(
             Ranked(
-                name, float(np.exp(found.mean[i])), float(np.exp(found.low[i])), float(np.exp(found.high[i])),
+                name, float(np.exp(found.mean[i])), float(low_of[i]), float(high_of[i]),
                 1 + beaten[name], len(matrix.names) - beats[name], share, low, high,
             )
         )  # fmt: skip
     ranked.sort(key=lambda r: (r.rmse_full, r.name))
-    return Comparison(ranked, pairs, performance_profiles(matrix.names, figures))
+    return Comparison(ranked, pairs, performance_profiles(matrix.names, figures), basis)

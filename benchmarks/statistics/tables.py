@@ -1,32 +1,44 @@
 """Tables of a run over its scenes: ranking.csv, pairs.csv and profiles.csv.
 
 One group of rows per modality, stage, quantity and condition, from scenes without stress; groups are not compared with
-each other. Intervals are over scenes, and empty with fewer than six.
+each other. The column `basis` states what ranks and intervals rest on: "scenes" with six scenes or more; "tiles" with fewer,
+of the main quantity, where the run kept its errors by tile: then they hold for these scenes only; empty where all is open.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from ...captures.layouts import is_main_quantity
 from ...estimators.labels import label_of
 from ..statistics.skips import not_applicable
-from .ranking import compare_estimators, score_matrix
+from .ranking import ScoreMatrix, compare_estimators, score_matrix
 from .suspects import suspects_of
 
-__all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "inference_tables"]
+__all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "Tiles", "inference_tables"]
 
 _GROUP = ("modality", "stage", "quantity", "condition")
 RANKING_COLUMNS = (
     *_GROUP, "estimator", "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage",
-    "coverage_lo", "coverage_hi", "profile_best", "profile_area",
+    "coverage_lo", "coverage_hi", "profile_best", "profile_area", "basis",
 )  # fmt: skip
-PAIR_COLUMNS = (*_GROUP, "a", "b", "scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm", "winner")
+PAIR_COLUMNS = (*_GROUP, "a", "b", "scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm", "winner", "basis")
 PROFILE_COLUMNS = (*_GROUP, "estimator", "factor", "share")
 
 
-def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[str, ...], list[dict[str, Any]]]]:
-    """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`.
+Float = npt.NDArray[np.float64]
+#: {(scene, condition, seed, label): (sums, counts)}, see `scores.error_tiles`.
+Tiles = Mapping[tuple[str, str, int, str], tuple[Float, Float]]
+
+
+def inference_tables(
+    rows: Iterable[dict[str, Any]], tiles: Tiles | None = None
+) -> dict[str, tuple[tuple[str, ...], list[dict[str, Any]]]]:
+    """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`, and from its errors by tile.
 
     Estimators that are suspect in a scene
     (`suspects`: no error at all, or better than the bound by more than chance) are in none of the three tables.
@@ -54,7 +66,7 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
             plain, modality=group["modality"], stage=group["stage"], quantity=group["quantity"],
             condition=group["condition"],
         )  # fmt: skip
-        found = compare_estimators(matrix)
+        found = compare_estimators(matrix, tiles=_tiles_of(matrix, group, tiles or {}))
         profile = {item.name: item for item in found.profiles}
         for row in found.ranked:
             ranking.append({
@@ -62,12 +74,13 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
                 "rank_hi": row.rank_high, "rmse_full": row.rmse_full, "rmse_full_lo": row.low,
                 "rmse_full_hi": row.high, "coverage": row.coverage, "coverage_lo": row.coverage_low,
                 "coverage_hi": row.coverage_high, "profile_best": profile[row.name].best,
-                "profile_area": profile[row.name].area,
+                "profile_area": profile[row.name].area, "basis": found.basis,
             })  # fmt: skip
         for pair in found.pairs:
             pairs.append({
                 **group, "a": pair.a, "b": pair.b, "scenes": pair.scenes, "ratio": pair.ratio, "ratio_lo": pair.low,
                 "ratio_hi": pair.high, "p": pair.p, "p_holm": pair.p_holm, "winner": pair.winner,
+                "basis": found.basis,
             })  # fmt: skip
         for item in found.profiles:
             for factor, share in zip(item.factor, item.share, strict=True):
@@ -82,3 +95,20 @@ def inference_tables(rows: Iterable[dict[str, Any]]) -> dict[str, tuple[tuple[st
 def _as_written(row: dict[str, Any]) -> bool:
     """True without stress: both levels are NaN."""
     return bool(row["level"] != row["level"] and row["level2"] != row["level2"] and int(row["n"]) > 0)
+
+
+def _tiles_of(matrix: ScoreMatrix, group: Mapping[str, str], tiles: Tiles) -> list[tuple[Float, Float]] | None:
+    """Errors by tile of a group, (sums (estimator, tile of every seed), counts) per scene; None where one lacks them."""
+    if not is_main_quantity(group["stage"], group["quantity"]):
+        return None
+    found = []
+    for scene in matrix.scenes:
+        seeds = sorted({key[2] for key in tiles if key[:2] == (scene, group["condition"]) and key[3] in matrix.names})
+        keys = [[(scene, group["condition"], seed, name) for seed in seeds] for name in matrix.names]
+        if not seeds or not all(key in tiles for row in keys for key in row):
+            return None
+        counts = [np.concatenate([tiles[key][1] for key in row]) for row in keys]
+        if not all(np.array_equal(one, counts[0]) for one in counts):
+            return None
+        found.append((np.stack([np.concatenate([tiles[key][0] for key in row]) for row in keys]), counts[0]))
+    return found

@@ -13,6 +13,7 @@ from ...scenes.errors import InputError
 __all__ = [
     "Calibration",
     "Condition",
+    "Draw",
     "Limits",
     "Rung",
     "SceneEntry",
@@ -75,6 +76,24 @@ class Stress(Spec):
             raise ValueError("axis2 and values2 are given together")
         if len(set(self.values)) != len(self.values) or len(set(self.values2)) != len(self.values2):
             raise ValueError("each level is given once")
+        return self
+
+
+class Draw(Spec):
+    """What differs from seed to seed, so that no estimator knows the truth from the rig: the level of a stress, uniform from `low`
+    to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that are drawn;
+    all by default.
+    """
+
+    axis: Annotated[str, Field(min_length=1)]
+    low: float
+    high: float
+    scenes: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _rises(self) -> Draw:
+        if not self.low < self.high:
+            raise ValueError("low must be below high")
         return self
 
 
@@ -160,6 +179,9 @@ class Suite(Spec):
         failure_at: |error| above which an element counts as failed, in the unit of the main quantity; None: the rule of
             `scores.truth.failure_limit`.
         fidelity, rtol: arguments of the generator; an entry of `scenes` may have a `fidelity` of its own.
+        draws: what is drawn anew for every seed, before any stress.
+        new_child: how often an estimator gets a new process: for every condition, or for every capture, which takes a start and a
+            warm-up each time, and leaves no memory of the captures before.
     """
 
     example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"
@@ -178,6 +200,15 @@ class Suite(Spec):
     fidelity: Rung = "direct"
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] = 1e-3
     limits: Limits = Limits(time_s=60.0, memory_bytes=2**31)
+    draws: tuple[Draw, ...] = ()
+    new_child: Literal["condition", "capture"] = "condition"
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Options that a suite does not use are left out, so that suites from before have their hash."""
+        held: dict[str, Any] = handler(self)
+        unused = {"draws": not self.draws, "new_child": self.new_child == "condition"}
+        return {name: value for name, value in held.items() if not unused.get(name, False)}
 
     @model_validator(mode="after")
     def _consistent(self) -> Suite:

@@ -60,6 +60,14 @@ def _incidence(scene: Scene, level: float) -> Overrides:
     return {f"target.{i}.shape.tilt_y_deg": level for i in flat}
 
 
+def _turn(scene: Scene, level: float) -> Overrides:
+    """Turn flat objects about the vertical by `level` more than they are."""
+    flat = [(i, item) for i, item in enumerate(scene.target) if hasattr(item.shape, "tilt_y_deg")]
+    if not flat:
+        raise DoesNotApply("scenes with a rectangle or a height grid")
+    return {f"target.{i}.shape.tilt_y_deg": item.shape.tilt_y_deg + level for i, item in flat}
+
+
 def _distance(scene: Scene, level: float) -> Overrides:
     changes: Overrides = {}
     for i, item in enumerate(objects(scene)):
@@ -226,6 +234,7 @@ AXES: dict[str, Axis] = {
         Axis("background", "e/s", "ambient light per pixel with the gate open", set_to("ambient")),
         Axis("incidence", "deg", "tilt of every flat object about the vertical", _incidence, 0.0),
         Axis("distance", "m", "distance by which all objects are moved away, with the same window", _distance, 0.0),
+        Axis("turn", "deg", "angle by which every flat object is turned about the vertical", _turn, 0.0),
         Axis("delay-step", "1", "delay step as a multiple of the scene's, over the same span", _delay_step, 1.0),
         Axis("window-start", "s", "time by which the delay scan starts later", add("start"), 0.0),
         Axis("pulse-width", "1", "pulse width as a multiple of the scene's", multiply("pulse-width"), 1.0),

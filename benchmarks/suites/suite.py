@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,14 @@ from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
 from ...scenes.validate import validate_spec
-from .spec import Calibration, Condition, Limits, Rung, SceneEntry, Seeds, Split, Stress, Suite
+from .spec import Calibration, Condition, Draw, Limits, Rung, SceneEntry, Seeds, Split, Stress, Suite
 from .stress import stressed
 from .variants import without_variants
 
 __all__ = [
-    "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
-    "Stress", "Suite", "capture_key", "cells_of", "check_rungs", "list_suites", "load_suite", "suite_hash",
+    "CELL_NONE", "SUITES", "Calibration", "Cell", "Condition", "Draw", "Limits", "Loaded", "SceneEntry", "Seeds", "Split",
+    "Stress", "Suite", "capture_key", "cell_name", "cells_of", "check_rungs", "drawn_scene", "list_suites", "load_suite",
+    "suite_hash",
 ]  # fmt: skip
 
 #: Folder of the built-in suites.
@@ -61,6 +62,10 @@ class Loaded:
         entries = zip(self.scenes, self.suite.scenes, strict=True)
         own = next(entry.fidelity for (held, _), entry in entries if held == name)
         return own or self.suite.fidelity
+
+    def draws(self, name: str) -> tuple[Draw, ...]:
+        """What is drawn anew for every seed of a scene, by its name in the suite."""
+        return tuple(draw for draw in self.suite.draws if not draw.scenes or name in draw.scenes)
 
 
 def list_suites() -> list[str]:
@@ -109,6 +114,15 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
             value=names,
             next_step='give one of them its own name: { scene = "...", name = "..." }',
         )
+    for draw in suite.draws:
+        if unknown := set(draw.scenes) - set(names):
+            raise InputError(
+                "A draw names a scene that the suite does not have.",
+                where=f"{where}: draws", value=sorted(unknown), allowed=", ".join(names),
+            )  # fmt: skip
+        for name, scene in loaded:
+            if not draw.scenes or name in draw.scenes:
+                stressed(scene, [(draw.axis, draw.high)])
     for stress in suite.stresses:  # raises InputError for a path that does not exist, before anything runs
         for _, scene in loaded:
             _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
@@ -182,16 +196,17 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
     cells: list[Cell] = []
     for name, scene in loaded.scenes:
         rung = loaded.fidelity(name)
-        grid: list[tuple[str, float, str, float, Scene]] = [(CELL_NONE, nan, CELL_NONE, nan, scene)]
+        of_seed = {seed: drawn_scene(name, scene, loaded.draws(name), seed) for seed in seeds}
+        grid: list[tuple[str, float, str, float, dict[int, Scene]]] = [(CELL_NONE, nan, CELL_NONE, nan, of_seed)]
         for stress in loaded.suite.stresses:
             for level in stress.values:
                 for level2 in stress.values2 or (None,):
-                    changed = _stressed(scene, stress, level, level2)
+                    changed = _each(of_seed, lambda one, s=stress, a=level, b=level2: _stressed(one, s, a, b))
                     second = (stress.axis2 or CELL_NONE, nan if level2 is None else level2)
                     grid.append((stress.axis, level, *second, changed))
         for axis, level, axis2, second_level, changed in grid:
             key = capture_key(name, axis, level, axis2, second_level)
-            cells += [Cell(name, changed, axis, level, axis2, second_level, seed, key, rung) for seed in seeds]
+            cells += [Cell(name, changed[seed], axis, level, axis2, second_level, seed, key, rung) for seed in seeds]
     return cells
 
 
@@ -202,3 +217,24 @@ def check_rungs(cells: Iterable[Cell], rtol: float) -> None:
     for cell in cells:
         if cell.fidelity is not None:
             checked(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=cell.fidelity, rtol=rtol)
+
+
+def _each(scenes: Mapping[int, Scene], change: Callable[[Scene], Scene]) -> dict[int, Scene]:
+    """Every scene changed; scenes that are one object are changed once."""
+    made = {id(scene): change(scene) for scene in {id(one): one for one in scenes.values()}.values()}
+    return {seed: made[id(scene)] for seed, scene in scenes.items()}
+
+
+def drawn_scene(name: str, scene: Scene, draws: Sequence[Draw], seed: int) -> Scene:
+    """The scene of one seed: every draw at its level, low + u (high − low), u from the hash of scene, axis and seed."""
+    for draw in draws:
+        digest = hashlib.sha256(json.dumps(["draw", name, draw.axis, seed]).encode()).digest()
+        level = draw.low + int.from_bytes(digest[:6], "big") / 2**48 * (draw.high - draw.low)
+        scene = stressed(scene, [(draw.axis, level)])[0]
+    return scene
+
+
+def cell_name(scene: str, levels: Iterable[tuple[str, float]], seed: int) -> str:
+    """A folder name for a cell: readable, and valid for any names of axes; `levels` are its axes and levels, NaN for none."""
+    parts = [scene, *(f"{axis}={level!r}" for axis, level in levels if level == level), f"seed={seed}"]
+    return "".join(c if c.isalnum() or c in "._=-+" else "-" for c in "__".join(parts))

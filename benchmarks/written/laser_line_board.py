@@ -44,7 +44,8 @@ def board_poses(board: Board, stations: Float, place: Float) -> tuple[BoardPose,
     corner = board.points().mean(axis=0)
     turns = [turned_by(station[3:]) for station in stations]
     return tuple(
-        BoardPose(turn.T, turn.T @ (place - corner - station[:3])) for turn, station in zip(turns, stations, strict=True)
+        BoardPose(turn.T, turn.T @ (place - corner - station[:3]))
+        for turn, station in zip(turns, stations, strict=True)
     )
 
 

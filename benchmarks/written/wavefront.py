@@ -9,10 +9,10 @@ import xarray as xr
 
 from ...captures.build import make_capture
 from ...scenes.declared import declared_rig
+from ...scenes.rigs.camera_noise import camera_noise
 from ...scenes.rigs.wavefront import wavefront_rig
 from ...scenes.rigs.wavefront_geometry import flat_spots, lattice_of
 from ...scenes.scene import Scene
-from ..bounds.instrument import camera_noise
 from .draw import drawn_counts, generator, truth_attributes
 
 __all__ = ["written_capture"]

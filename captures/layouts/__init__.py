@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from ..quantities import Stage
     from .layout import Layout
 
-__all__ = ["LAYOUTS", "layout_of", "scored_first", "stage_of", "stages"]
+__all__ = ["LAYOUTS", "is_main_quantity", "layout_of", "scored_first", "stage_of", "stages"]
 
 #: modality -> "module:object"
 LAYOUTS: dict[str, str] = {
@@ -33,6 +33,11 @@ def layout_of(modality: object) -> Layout:
 def stages() -> dict[str, Stage]:
     """All stages, by their words (the argument of `@estimator`)."""
     return {stage.word: stage for modality in LAYOUTS for stage in layout_of(modality).stages}
+
+
+def is_main_quantity(stage: str, quantity: str) -> bool:
+    """Whether a quantity is the main one (the first) of a stage, as the tables' columns `stage` and `quantity` name them."""
+    return any(one.name == stage and one.gives[0].name == quantity for one in stages().values())
 
 
 def stage_of(word: object) -> Stage:

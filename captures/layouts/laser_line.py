@@ -54,13 +54,17 @@ _NODE = Quantity(
     "node", "m", ("lattice", "xyz"), "point of the sheet at a lattice of pixels", (1e3, "mm"), components=("xyz",)
 )
 _FOCAL = Quantity("focal_length", "m", ("survey",), "focal length", (1e3, "mm"), positive=True)
-_PRINCIPAL = Quantity("principal_point", "px", ("survey", "axis"), "row and column of the optical axis", components=("axis",))
+_PRINCIPAL = Quantity(
+    "principal_point", "px", ("survey", "axis"), "row and column of the optical axis", components=("axis",)
+)
 _STAND_OFF = Quantity("stand_off", "m", ("survey",), "entrance pupil to window", (1e3, "mm"))
 _ANGLE = Quantity(
     "plane_angle", "rad", ("survey", "axis"), "elevation and azimuth of the sheet's normal", (1e3, "mrad"),
     components=("axis",),
 )  # fmt: skip
-_OFFSET = Quantity("plane_offset", "m", ("survey",), "distance of the sheet's plane from the entrance pupil", (1e3, "mm"))
+_OFFSET = Quantity(
+    "plane_offset", "m", ("survey",), "distance of the sheet's plane from the entrance pupil", (1e3, "mm")
+)
 
 LAYOUT = Layout(
     name="laser_line",
@@ -73,7 +77,10 @@ LAYOUT = Layout(
         Stage("triangulation", "triangulation", "laser_line", ("column", "rig"), (_POINT,)),
         Stage("gravity", "gravity", "laser_line", ("point", "rig", COORDINATES), (_LEVEL_POINT,)),
         Stage(
-            "calibration", "calibration", "laser_line", (CAPTURE,),
+            "calibration",
+            "calibration",
+            "laser_line",
+            (CAPTURE,),
             (_NODE, _FOCAL, _PRINCIPAL, _STAND_OFF, _ANGLE, _OFFSET),
         ),
         Stage("spectrum", "spectrum", "laser_line", ("point", "rig"), (_SLOPE, _LEVEL)),

@@ -18,14 +18,19 @@ from .journal import JOURNAL, MARK_LINE, has_mark, write_file
 from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, RECORD, regular_size
 
 __all__ = [
+    "REPAIR_MARK",
     "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name", "settle_replacement",
     "state_replacement",
 ]  # fmt: skip
 
+#: A file in an unfinished store that a repair writes: the next repair begins it again.
+REPAIR_MARK = "repair.mark"
 #: A file in a store that is being replaced: its folder may be called NAME.replaced, and is then no store of the user's.
 _REPLACED = "replaced.mark"
 _TOP = {
-    name + end for name in (MANIFEST, MANIFEST_SUM, RECORD, JOURNAL, _REPLACED, "zarr.json") for end in ("", ".new")
+    name + end
+    for name in (MANIFEST, MANIFEST_SUM, RECORD, JOURNAL, _REPLACED, REPAIR_MARK, "zarr.json")
+    for end in ("", ".new")
 }
 _CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial)?")
 
@@ -49,7 +54,7 @@ def is_removable_partial(path: Path) -> bool:
     """Whether an unfinished store may be removed: ours, or left by a stop before its mark was written (it holds nothing)."""
     if path.is_symlink() or not path.is_dir():
         return False
-    entries = os.listdir(path)
+    entries = [name for name in os.listdir(path) if name not in (REPAIR_MARK, f"{REPAIR_MARK}.new")]
     if entries == [JOURNAL] and (regular_size(path / JOURNAL) or 0) <= len(MARK_LINE):
         return MARK_LINE.startswith((path / JOURNAL).read_bytes())
     return not entries or is_ours(path)
@@ -130,6 +135,7 @@ def settle_replacement(path: Path) -> None:
     elif not aside.is_symlink() and aside.is_dir() and not os.listdir(aside):
         aside.rmdir()  # the last step of a removal
     if is_ours(path):
-        (path / _REPLACED).unlink(missing_ok=True)
+        for mark in (_REPLACED, REPAIR_MARK):
+            (path / mark).unlink(missing_ok=True)
         if all(regular_size(path / name) is not None for name in (MANIFEST, MANIFEST_SUM, RECORD)):
             (path / JOURNAL).unlink(missing_ok=True)  # the last step of a store's completion

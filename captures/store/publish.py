@@ -11,6 +11,7 @@ from ...scenes.errors import InputError
 from .journal import JOURNAL, Journal, fsync_path, write_file
 from .manifest import MANIFEST, MANIFEST_SUM, RECORD, sum_text
 from .ownership import (
+    REPAIR_MARK,
     foreign_entries,
     is_ours,
     may_drop,
@@ -73,7 +74,8 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, kee
         fsync_path(partial / name)
     fsync_path(partial)
     _exchange(partial, path, overwrite, keep_replaced)
-    (path / JOURNAL).unlink(missing_ok=True)
+    for name in (JOURNAL, REPAIR_MARK):
+        (path / name).unlink(missing_ok=True)
     fsync_path(path)
 
 

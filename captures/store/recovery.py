@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from ...scenes.errors import InputError
 from .arrays import CAPACITY, metadata_files
-from .journal import Journal, read_journal, refuse_busy, write_file
-from .manifest import Mark, load_manifest
-from .ownership import settle_replacement
+from .journal import Journal, has_header, read_journal, refuse_busy, write_file
+from .manifest import Mark, load_manifest, regular_size
+from .ownership import REPAIR_MARK, is_removable_partial, remove_store, settle_replacement
 from .publish import disk_error, is_store, partial_of, publish
 from .reader import CaptureSet, unchecked_captures
 from .remake import Again, Make
@@ -80,6 +80,8 @@ def repair(path: str | os.PathLike[str], *, overwrite: bool = False, make: Make 
     capture can be trusted), or no capture is intact.
     """
     root = Path(path).expanduser()
+    if not os.path.lexists(root) and regular_size(partial_of(root) / REPAIR_MARK) is not None:
+        return finalize(root)  # a repair that stopped between its two last renames
     return _repair_partial(root, overwrite, make) if root.name.endswith(".partial") else _repair_store(root, make)
 
 
@@ -108,7 +110,7 @@ def _repair_store(root: Path, make: Make | None) -> Recovery:
     again = Again(root, captures, manifest.chunks, make).heal(open_damage)
     if again.left == []:
         return Recovery(root, len(captures), (), tuple(damage), None, restored, again.remade)
-    if os.path.lexists(partial_of(root)):
+    if os.path.lexists(partial_of(root)) and not _begun_before(partial_of(root)):
         raise InputError(
             "An unfinished store is beside the damaged one, and a repair would replace it.",
             where=str(partial_of(root)), next_step="move it away, or remove it if it is left from a repair that failed",
@@ -153,6 +155,20 @@ def _repair_partial(root: Path, overwrite: bool, make: Make | None) -> Recovery:
     return Recovery(final, kept, tuple(sorted(dropped)), tuple(found), aside, (), again.remade, again.reasons)
 
 
+def _begun_before(partial: Path) -> bool:
+    """Remove what an earlier repair left unfinished beside the store, which is still whole; False where it is of other origin."""
+    if not is_removable_partial(partial):
+        return False
+    if regular_size(partial / REPAIR_MARK) is None and has_header(partial):
+        return False
+    refuse_busy(partial)
+    try:
+        remove_store(partial)
+    except OSError as error:
+        raise disk_error(error, "Removing an unfinished repair", partial) from error
+    return True
+
+
 def _readable(root: Path, damage: list[Damage]) -> list[Damage]:
     """`damage`, if all its files could be read. Raises InputError otherwise: dropping them might lose intact data."""
     if refused := [entry for entry in damage if entry.unreadable]:
@@ -183,7 +199,7 @@ def _rewrite(
     def sound() -> Iterator[xr.Dataset]:
         return (captures[i] for i in range(len(captures)) if i not in dropped)
 
-    with CaptureWriter(path, overwrite=overwrite, keep_replaced=keep_replaced) as writer:
+    with CaptureWriter(path, overwrite=overwrite, keep_replaced=keep_replaced, repairs=True) as writer:
         for capture in sound():
             writer.append(capture)
     return writer.count

@@ -34,7 +34,7 @@ __all__ = [
 #: Problem of what lies in a store and is not of its format.
 FOREIGN = "not a file of the store"
 #: Files that a stop may leave, or that say what becomes of the store; they hold no data.
-_LEFT = {JOURNAL, "replaced.mark"}
+_LEFT = {JOURNAL, "replaced.mark", "repair.mark"}
 
 
 @dataclass(frozen=True)

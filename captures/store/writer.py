@@ -37,7 +37,7 @@ from .journal import (
     write_file,
 )
 from .manifest import Mark, chunk_mark
-from .ownership import is_ours, is_removable_partial, remove_store, settle_replacement
+from .ownership import REPAIR_MARK, is_ours, is_removable_partial, remove_store, settle_replacement
 from .publish import disk_error, partial_of, publish, refuse_existing
 from .verification import partial_damage, refused_partial
 
@@ -83,6 +83,7 @@ class CaptureWriter:
         overwrite, resume: as for `write`.
     Other arguments:
         keep_replaced: the name that an overwritten store gets; it is removed if None.
+        repairs: the store is the repair of one that stays as it is until this one is complete.
 
     `count` is the number of complete captures, `attributes(i)` the attributes of one. Raises InputError as `write` does.
     """
@@ -94,10 +95,11 @@ class CaptureWriter:
         overwrite: bool = False,
         resume: bool = False,
         keep_replaced: Path | None = None,
+        repairs: bool = False,
     ) -> None:
         self.path = Path(path).expanduser()
         self.partial = partial_of(self.path)
-        self.overwrite, self._keep_replaced = overwrite, keep_replaced
+        self.overwrite, self._keep_replaced, self._repairs = overwrite, keep_replaced, repairs
         self._journal: Journal | None = None
         self._arrays: dict[str, zarr.Array[Any]] = {}
         self._texts: dict[str, str] = {}
@@ -208,10 +210,13 @@ class CaptureWriter:
         try:
             self._file = open(self.partial / JOURNAL, "xb")  # noqa: SIM115 (closed by _release)
             lock_journal(self._file, self.partial)
+            if self._repairs:
+                write_file(self.partial / REPAIR_MARK, b"a repair of the store beside it\n")
             mark_journal(self._file)
         except OSError:
             self._release()
-            (self.partial / JOURNAL).unlink(missing_ok=True)
+            for name in (JOURNAL, REPAIR_MARK):
+                (self.partial / name).unlink(missing_ok=True)
             self.partial.rmdir()
             raise
 

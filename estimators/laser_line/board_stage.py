@@ -1,4 +1,4 @@
-"""The calibration of a laser-line rig as a stage: from one capture of a checkerboard to camera, stand-off and plane of the sheet."""
+"""Calibration as a stage: from one capture of a checkerboard to camera, stand-off of the port and plane of the sheet."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def calibrate_board(
     """Bundle adjustment of the corners of a board and of the line on it, seen from several stations (`calibrate.calibrate`).
 
     `rows` × `cols` inner corners, `square_m` apart; the plane goes on evenly by `beyond_x_m`, `beyond_y_m` beyond them. First
-    values are the declared ones. `port`: as declared, refracted exactly; its surfaces at the entrance pupil; or none, so that focal length
-    and distortion take up what the port does. `hold`: "camera" leaves focal length, principal point and distortion as they are
-    declared, from a calibration in air: in water alone a camera a little longer and a port a little nearer look alike. Their error
-    is then not in what is stated here; `calibrate.calibrate` adjusts captures in air and in water together.
+    values are the declared ones. `port`: as declared, refracted exactly; its surfaces at the entrance pupil; or none, so that
+    focal length and distortion take up what the port does. `hold`: "camera" leaves focal length, principal point and distortion
+    as they are declared, from a calibration in air: in water alone a camera a little longer and a port a little nearer look
+    alike. Their error is then not in what is stated here; `calibrate.calibrate` adjusts captures in air and in water together.
 
-    Returns node (lattice, xyz) [m], focal_length [m], principal_point [px], stand_off [m], plane_angle [rad] and plane_offset [m] as
-    of `described`, with their standard errors by the adjustment's covariance. What the views do not tell is invalid: the stand-off in air.
-    All is invalid where the capture cannot be used (fewer than three whole boards, one pose, squares of another size than the rig's
-    poses say); the attribute `refused` then says why. So are nodes nearer or farther by a factor of 2 than the
-    line was seen. Raises InputError for a board or a port that cannot be calibrated.
+    Returns node (lattice, xyz) [m], focal_length [m], principal_point [px], stand_off [m], plane_angle [rad] and plane_offset
+    [m] as of `described`, with their standard errors by the adjustment's covariance. What the views do not tell is invalid: the
+    stand-off in air. All is invalid where the capture cannot be used (fewer than three whole boards, one pose, squares of
+    another size than the rig's poses say); the attribute `refused` then says why. So are nodes nearer or farther by a factor of
+    2 than the line was seen. Raises InputError for a board or a port that cannot be calibrated.
     """
     rig = read_rig(capture, str(capture.attrs["modality"]))
     board = Board(rows, cols, square_m, (beyond_x_m, beyond_y_m))
@@ -85,5 +85,6 @@ def _answered(geometry: Geometry, pitch_m: float, found: Adjusted | None) -> xr.
         nearest, farthest = found.depths_m
         with np.errstate(invalid="ignore"):
             depth = value["node"][:, 2]
-            made["valid"] &= (depth > nearest / _BEYOND) & (depth < _BEYOND * farthest)
+            near = (depth > nearest / _BEYOND) & (depth < _BEYOND * farthest)
+        made["valid"] = np.asarray(made["valid"], bool) & near
     return stage_result("calibration", **made)

@@ -61,7 +61,8 @@ class Adjusted:
     """The minimum. `geometry`: with the port of the last view that has one. `names`, `covariance`: of the free parameters, as
     deviations from it (`deviations.deviated`). `pose_covariance` (6v, 6v): of what moves the poses (`BoardPose.moved`), by what the
     parameters leave open too. `corner_rms_px`, `line_rms_px`: of the residuals; 0 without any. `corner_scale`,
-    `line_scale`: rms residual over the stated σ. `corners`, `points`: how many. `depths_m`: least and greatest z of the line's points; None without any."""
+    `line_scale`: rms residual over the stated σ. `corners`, `points`: how many. `depths_m`: least and greatest z of the line's
+    points; None without any."""
 
     geometry: Geometry
     names: tuple[str, ...]
@@ -107,7 +108,8 @@ def adjust(start: Geometry, board: Board, views: Sequence[View], free: Sequence[
         port = replace(port, stand_off_m=held.stand_off_m)
         geometry = replace(geometry, camera=replace(geometry.camera, port=port))
     return Adjusted(
-        geometry, names, covariance[:n, :n], problem.poses, covariance[n:, n:], float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
+        geometry, names, covariance[:n, :n], problem.poses, covariance[n:, n:],
+        float(np.sqrt((corner**2).mean()) * np.sqrt((corner_px**2).mean())),
         float(np.sqrt((line**2).mean()) * np.median(line_px)) if line.size else 0.0, problem.corner_scale,
         problem.line_scale, corner.size // 2, line.size, problem.depths(),
     )  # fmt: skip

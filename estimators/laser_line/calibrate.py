@@ -1,8 +1,9 @@
 """Calibration of a laser-line rig from captures of a checkerboard: camera, stand-off of the port and plane of the sheet.
 
 A view is the board at rest before the rig at rest, in frames with the laser and without: a capture is one view, or as many as there
-are places at which the rig stood. Corners come from the frames without, the line from the difference. Views in air and through the port are adjusted together: in air the port hardly bends rays, and the camera's own
-values show; in water the stand-off does. Thickness and indices of the glass are as declared.
+are places at which the rig stood. Corners come from the frames without, the line from the difference. Views in air and through
+the port are adjusted together: in air the port hardly bends rays, and the camera's own values show; in water the stand-off
+does. Thickness and indices of the glass are as declared.
 """
 
 from __future__ import annotations
@@ -57,8 +58,10 @@ def calibrate(
     """
     if not captures:
         raise InputError("A calibration needs captures.", where="calibrate", value=0, allowed="one or more")
-    options = {"finder": finder, "blur_px": blur_px, "radius_px": radius_px, "port": port}
-    seen = [_views(one, board, least_views, **options) for one in captures]
+    seen = [
+        _views(one, board, least_views, finder=finder, blur_px=blur_px, radius_px=radius_px, port=port)
+        for one in captures
+    ]
     views = [view for own in seen for view, _ in own]
     behind = [capture for capture, own in zip(captures, seen, strict=True) if any(v.port is not None for v, _ in own)]
     last = (behind or captures)[-1]
@@ -86,10 +89,10 @@ def adjusted(
     bends = any(view.port is not None and abs(view.port.outside - view.port.inside) > _BENDS for view in views)
     lines = any(view.row.size for view in views)
     if free is None:
+        silent = {"k3", *held} | (set() if bends else {"stand_off_m"})
         free = [
-            name for name in CALIBRATED
-            if name not in ("k3", *held) and (bends or name != "stand_off_m") and (lines or not name.startswith(("turn_", "shift_")))
-        ]  # fmt: skip
+            name for name in CALIBRATED if name not in silent and (lines or not name.startswith(("turn_", "shift_")))
+        ]
     return adjust(start, board, views, free)
 
 
@@ -103,7 +106,8 @@ def _views(
     made: list[tuple[View, Float]] = []
     refused: list[InputError] = []
     for station in stations:
-        own = capture if len(stations) == 1 else capture.isel(frame=np.flatnonzero(usable & (pose == station).all(axis=1)))
+        here = np.flatnonzero(usable & (pose == station).all(axis=1))
+        own = capture.isel(frame=here) if len(stations) > 1 else capture
         try:
             view = board_view(own, board, finder=finder, blur_px=blur_px, radius_px=radius_px, port=port)
         except InputError as error:

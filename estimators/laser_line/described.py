@@ -1,4 +1,4 @@
-"""What a calibration answers, from a geometry: camera, stand-off and plane of the sheet in numbers, and points at a lattice of pixels.
+"""What a calibration answers: camera, stand-off and plane of the sheet in numbers, and points at a lattice of pixels.
 
 The plane is n·X = d in the camera's frame, n = (cos e cos a, sin e, cos e sin a) with n_x >= 0: `plane_angle` holds (e, a) [rad],
 `plane_offset` d [m], the distance of the plane from the entrance pupil. `node` holds the points where the rays of a lattice of

@@ -1,8 +1,8 @@
-"""The three-point formulas and their errors, compiled: what `windows.locked` finds for rows in which noise leaves the brightest pixel.
+"""The three-point formulas and their errors, compiled: as `windows.locked` where noise leaves the brightest pixel in place.
 
 A formula reads three pixels. Its error is √(Σ (Δc_k)² + locking²), Δc_k half the change of c between pixel k plus and minus its
-standard deviation. Rows in which noise may move the brightest pixel are left to `windows.locked`, which then takes changes about the
-expected line.
+standard deviation. Rows in which noise may move the brightest pixel are left to `windows.locked`, which then takes changes
+about the expected line.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def three_points(
     """(position [px] from the middle pixel, its standard error [px], whether both are known), each (n).
 
     Main arguments:
-        z (n, 2h + 1), level (n), floor_e2, excess: as of `windows.Windows`. fall, near (n): shares of the line's light in the middle
-            pixel less, and plus, that in its neighbour, for a line about the middle of a pixel. locking (n) [px].
+        z (n, 2h + 1), level (n), floor_e2, excess: as of `windows.Windows`. fall, near (n): shares of the line's light in the
+            middle pixel less, and plus, that in its neighbour, for a line about the middle of a pixel. locking (n) [px].
         log: of the logarithms, a Gaussian's vertex; else a parabola's.
     """
     out = np.empty((3, z.shape[0]))

@@ -11,7 +11,7 @@ from .frames import OffFrames
 from .three_point_kernel import three_points
 from .windows import Windows, answered, line_windows, locked
 
-__all__ = ["line_log_gaussian", "line_parabola"]
+__all__ = ["line_log_gaussian", "line_parabola", "log_gaussian", "parabola"]
 
 Float = npt.NDArray[np.float64]
 
@@ -28,11 +28,12 @@ def _vertex(a: Float, b: Float, c: Float) -> Float:
         return np.asarray(np.where(bend < 0, 0.5 * (a - c) / bend, np.nan))
 
 
-def _parabola(z: Float) -> Float:
+def parabola(z: Float) -> Float:
+    """The vertex (n) of windows (n, 2h + 1); NaN where the parabola opens upward."""
     return _vertex(*_three(z))
 
 
-def _log_gaussian(z: Float) -> Float:
+def log_gaussian(z: Float) -> Float:
     """The vertex of the logarithms; NaN where a neighbour is not above the background."""
     three = _three(z)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -42,7 +43,7 @@ def _log_gaussian(z: Float) -> Float:
 
 def _answer(windows: Windows, *, log: bool) -> xr.Dataset:
     """The result of a three-point formula: compiled, but for rows in which noise may move the brightest pixel."""
-    formula = _log_gaussian if log else _parabola
+    formula = log_gaussian if log else parabola
     position, sigma, known = three_points(
         windows.z, windows.level, windows.floor_e2, windows.excess, *windows.shares(), windows.locking(formula), log=log
     )

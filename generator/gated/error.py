@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scenes.rigs.gated import gated_rig
-from ...scenes.rigs.parts import Detector
 from ...scenes.scene import Scene
+from ..noise import noise_variance
 
-__all__ = ["noise_variance", "relative_noise", "replicate_error", "stack_error", "task_error"]
+__all__ = ["relative_noise", "replicate_error", "stack_error", "task_error"]
 
 Float = NDArray[np.float64]
 Stack = NDArray[np.float32]
@@ -72,12 +72,3 @@ def relative_noise(scene: Scene, electrons: Float) -> float:
     mean_square = float(np.mean(electrons**2))
     variance = noise_variance(gated_rig(scene).detector, electrons)
     return float(np.clip(np.sqrt(np.mean(variance) / mean_square), 1e-4, 0.5)) if mean_square > 0 else 0.5
-
-
-def noise_variance(detector: Detector, electrons: Float) -> Float:
-    """Variance [electrons²] of a sample of this expectation: photons (with the tube's excess), dark, read, rounding."""
-    tube = detector.intensifier
-    excess, gain = (1.0, 1.0) if tube is None else (tube.excess_noise_factor, tube.gain)
-    dark = detector.dark_current_e_per_s * detector.exposure_s
-    after = dark + detector.read_noise_e**2 + 1.0 / (12.0 * detector.gain_dn_per_e**2)
-    return np.asarray(excess * np.maximum(electrons, 0.0) + after / gain**2)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
+from ..noise import noise_variance
 from ..paths.world import PathWorld
 from .direct import render_direct
-from .error import noise_variance, relative_noise, replicate_error, stack_error, task_error
+from .error import relative_noise, replicate_error, stack_error, task_error
 from .full import Limits, Remainder, Slices, render_remainder
 from .gates import gate_offset
 from .scatter import render_scatter, scattered_electrons

@@ -18,6 +18,7 @@ from ...scenes.rigs.laser_line_geometry import ambient_e_per_s
 from ...scenes.scene import Scene
 from ..choice import Choice, Rtol, Rung, chosen
 from ..effect import interreflection
+from ..noise import noise_variance
 from ..water.phase import phase_of
 from .effects import EVEN_SCATTERED, MOTION, SCATTERED, motion_blur, scattered_sizes
 from .expected import FrameLight, frame_light
@@ -128,16 +129,10 @@ def _refuse_even_light(scene: Scene, rtol: Rtol) -> None:
 
 
 def _noise(scene: Scene, peak: float) -> float:
-    """Standard deviation of the line's brightest pixel over its light, within 1e-4 … 0.5.
-
-    With n photoelectrons of light and d of dark current at a frame's exposure, gain G in DN per electron there, g before the read
-    noise σ_r, and the excess noise F²: F² n + (d + σ_r² + 1/(12 G²))/g². Of several settings of an automatic exposure the least
-    noise counts; they are those for this peak in every frame.
-    """
+    """Standard deviation of the line's brightest pixel over its light, within 1e-4 … 0.5, at the frames' exposure and gain. Of
+    several settings of an automatic exposure the least noise counts; they are those for this peak in every frame."""
     rig = laser_line_rig(scene)
     detector = rig.detector
-    tube = detector.intensifier
-    before, excess = (1.0, 1.0) if tube is None else (tube.gain, tube.excess_noise_factor)
     lamps = ambient_e_per_s(rig, phase_index(scene.medium, rig.wavelength_m)) * detector.exposure_s
     dark = detector.dark_current_e_per_s * detector.exposure_s
     if peak <= 0:
@@ -145,6 +140,8 @@ def _noise(scene: Scene, peak: float) -> float:
     factor, gain = np.ones(1), np.ones(1)
     if rig.auto_exposure is not None:
         factor, gain = control(rig, np.full(rig.frames.lit, peak + lamps + dark))
-    floor = (dark * factor + detector.read_noise_e**2 + 1.0 / (12.0 * (detector.gain_dn_per_e * gain) ** 2)) / before**2
-    noise = np.sqrt(excess * (peak + lamps) * factor + floor) / (peak * factor)
-    return float(np.clip(noise.min(), 1e-4, 0.5))
+    noise = [
+        np.sqrt(float(noise_variance(detector, (peak + lamps) * one, exposure=one, gain=other))) / (peak * one)
+        for one, other in dict.fromkeys(zip(factor.tolist(), gain.tolist(), strict=True))
+    ]
+    return float(np.clip(min(noise), 1e-4, 0.5))

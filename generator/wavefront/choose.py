@@ -12,6 +12,7 @@ from ...scenes.rigs.wavefront import WavefrontRig, wavefront_rig
 from ...scenes.rigs.wavefront_geometry import lattice_of, spot_px
 from ...scenes.scene import Scene
 from ..choice import Choice, Rung, chosen
+from ..noise import noise_variance
 from ..request import Request
 from .field import Pupils
 from .fields import pilot
@@ -94,8 +95,7 @@ def _predicted(rig_json: str, range_m: float, in_water_m: float) -> tuple[float,
 def _noise(scene: Scene) -> float:
     """Standard deviation of a spot's brightest pixel over its light, within 1e-4 … 0.5."""
     rig = wavefront_rig(scene)
-    detector, tube = rig.detector, rig.detector.intensifier
-    gain, excess = (1.0, 1.0) if tube is None else (tube.gain, tube.excess_noise_factor)
     peak = max((one.electrons for one in reflectors(scene)), default=0.0) * min(1.0, spot_px(rig) ** -2)
-    floor = (detector.read_noise_e**2 + 1.0 / (12.0 * detector.gain_dn_per_e**2)) / gain**2
-    return float(np.clip(np.sqrt(excess * peak + floor) / peak, 1e-4, 0.5)) if peak > 0 else 0.5
+    if peak <= 0:
+        return 0.5
+    return float(np.clip(np.sqrt(float(noise_variance(rig.detector, peak))) / peak, 1e-4, 0.5))

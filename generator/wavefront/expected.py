@@ -30,7 +30,7 @@ from .speckle import Speckle
 from .spots import spot_image
 from .truth import Projector, irradiances, slopes
 
-__all__ = ["Sensed", "expect", "read"]
+__all__ = ["Sensed", "expect", "read", "spread_within"]
 
 Float = NDArray[np.float64]
 
@@ -155,7 +155,7 @@ class _Truth:
         held["slope"].append(slopes(field, lattice, self._rig.wavelength_m))
         held["phase"].append(self._projector.shown(phase))
         held["zernike"].append(self._projector.coefficients(phase))
-        self.spread = max(self.spread, _spread(screens[1:-1, 1:-1], lattice))
+        self.spread = max(self.spread, spread_within(screens[1:-1, 1:-1], lattice))
 
     def lit(self, light: Float) -> None:
         """Photoelectrons (lenslet) of all reflectors."""
@@ -166,7 +166,7 @@ class _Truth:
         return {f"truth_{name}": np.stack(values) for name, values in self._held.items()}
 
 
-def _spread(phase: Float, lattice: Lattice) -> float:
+def spread_within(phase: Float, lattice: Lattice) -> float:
     """rms [rad] over the used lenslets of the phase about its best plane in each."""
     samples = lattice.samples
     if lattice.cover is not None:
@@ -182,7 +182,7 @@ def _spread(phase: Float, lattice: Lattice) -> float:
 
 
 def _spread_in(phase: Float, lattice: Lattice) -> float:
-    """As `_spread`, of lenslets that are no squares: weighted sums over the samples of each."""
+    """As `spread_within`, of lenslets that are no squares: weighted sums over the samples of each."""
     x, y = np.broadcast_arrays(lattice.grid_m[None, :], lattice.grid_m[:, None])
     unit = lattice.step_m * lattice.samples
     basis = np.stack([np.ones_like(x), x / unit, y / unit])

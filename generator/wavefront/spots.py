@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...optics.lenslets.coherent import Detector, Lenslet
-from ...optics.lenslets.gradients import hexagon
-from ...optics.lenslets.lattice import cell_coverage
+from ...optics.lenslets.hexagons import hexagon_coverage
 from ...scenes.rigs.wavefront_geometry import Lattice, clear_area_m2, flat_spots
 from ...scenes.rigs.wavefront_spec import WavefrontRig
 from .fields import coarser, lenslet_light
@@ -69,7 +68,7 @@ def _residual(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Float) 
     else:
         first = 1.0 + 0.5 * (per - 1)
         u = _between(field, *(first + per * site[:, None] + offset for site in (lattice.row, lattice.col)))
-    return _level(u, tilt, offset * lattice.step_m, rig.wavelength_m)
+    return _level(u, tilt, np.asarray(offset * lattice.step_m, np.float64), rig.wavelength_m)
 
 
 def _in_hexagons(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Float, cells: int) -> Complex:
@@ -83,7 +82,9 @@ def _in_hexagons(rig: WavefrontRig, lattice: Lattice, field: Complex, tilt: Floa
 
 @lru_cache(maxsize=8)
 def _coverage(width_m: float, cells: int) -> Float:
-    return cell_coverage(hexagon(width_m), _CORNERS * width_m, cells)
+    sample, share = hexagon_coverage(np.zeros((1, 2)), width_m, _CORNERS * width_m / cells, cells)
+    lit = np.bincount(sample[0], share[0], minlength=cells**2)
+    return np.asarray(lit.reshape(cells, cells), np.float64)
 
 
 def _between(field: Complex, down: Float, along: Float) -> Complex:

@@ -74,3 +74,8 @@ class NoiseModel:
     def well_variance_e2(self, mu: float) -> float:
         """Variance [electrons²] in the well, before clipping and read noise."""
         return self.intensifier_gain**2 * self.excess_noise_factor * mu + self.dark_e
+
+    def sample_variance(self, mu: float) -> float:
+        """Variance [photoelectrons²] of a sample of μ photoelectrons, before clipping: F²μ + (dark_e + σ_read² + 1/(12 K²))/G²."""
+        after = self.read_noise_e**2 + 1.0 / (12.0 * self.gain_dn_per_e**2)
+        return (self.well_variance_e2(mu) + after) / self.intensifier_gain**2

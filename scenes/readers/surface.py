@@ -31,8 +31,8 @@ class Surface:
     uv: Float | None = None
 
 
-#: What a part costs of a `Budget` beside its corners: it takes some hundred times the memory of a corner.
-EACH_PART = 100
+#: What a part costs of a `Budget` beside its corners: it takes some hundred times the time of a corner.
+EACH_PART = 500
 
 
 class Budget:

@@ -26,6 +26,8 @@ __all__ = ["KIND", "WavefrontRig", "wavefront_rig"]
 
 #: Samples of the declared spot per pixel, and its half width in pitches.
 _PER_PX, _REACH = 16, 3.5
+#: Narrowest spot of a hexagon, λf/d in pixels: the table of a narrower one would have millions of nodes.
+_NARROWEST_PX = 0.2
 #: Samples of the gate from which its centroid follows.
 _PER_GATE = 1024
 
@@ -135,6 +137,13 @@ def _check(scene: RigScene) -> None:
         raise InputError(
             "A lenslet covers too few pixels for the position of its spot.", where=f"{scene.name}: rig.camera.pixel_pitch_m",
             value=f"{cell:.3g} pixels", allowed="3 pixels or more",
+        )  # fmt: skip
+    width = spot_px(rig)
+    if array.hexagonal and width < _NARROWEST_PX:
+        raise InputError(
+            "The spots of hexagonal lenslets are narrower than their table resolves.", where=f"{scene.name}: rig.lenslets",
+            value=f"λf/d = {width:.3g} pixels", allowed=f"{_NARROWEST_PX:g} pixels or more",
+            next_step="smaller pixels or lenslets, a longer focal length, or a square grid",
         )  # fmt: skip
     _check_image(scene, rig, lattice, cell)
     _check_targets(scene, rig)

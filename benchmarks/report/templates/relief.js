@@ -19,12 +19,13 @@ const unpack = (text) => {
   });
 };
 
+let printing = false; // paper is white, whatever the screen is
 const START = { yaw: -0.6, tilt: 0.75 };
 // Draws heights (shares of lo..hi) in the colours of `paints`; a single row is a profile, a line in the colour of the text.
 const relief = (canvas, scene, heights, paints, kind, pose, [lo, hi, unit, up]) => {
   const { rows, cols } = scene, pen = canvas.getContext("2d");
   const [w, h] = [canvas.width, canvas.height];
-  const ink = getComputedStyle(canvas).color;
+  const ink = printing ? "#1d2330" : getComputedStyle(canvas).color;
   const [cy, sy, ct, st] = [Math.cos(pose.yaw), Math.sin(pose.yaw), Math.cos(pose.tilt), Math.sin(pose.tilt)];
   const longest = Math.max(rows, cols);
   const [ax, ay] = rows > 1 ? [1.25 * cols / longest, 1.25 * Math.max(rows / longest, 0.3)] : [1.25, 0.3];
@@ -147,5 +148,8 @@ for (const place of document.querySelectorAll(".relief")) {
     if (label in scene.estimates) { who.value = label; soon(); }
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", soon);
+  for (const [name, paper] of [["beforeprint", true], ["afterprint", false]]) {
+    addEventListener(name, () => { printing = paper; show(); });
+  }
   show();
 }

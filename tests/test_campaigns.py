@@ -1,0 +1,85 @@
+"""Small parts of the campaigns of docs/reliability.md: fuzzed inputs, flipped bits, kills and faults; and that they can fail."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beambench.benchmarks.checks import attempts, flips, fuzz, fuzz_subjects, mutations, traced
+from beambench.scenes.errors import InputError
+
+
+@pytest.mark.parametrize("name", [*fuzz_subjects.SUBJECTS])
+def test_fuzzed_inputs_end_with_a_result_or_a_clear_error(name: str, tmp_path: Path) -> None:
+    subject = fuzz_subjects.SUBJECTS[name]
+    sound = tmp_path / "sound"
+    sound.mkdir()
+    subject.make(sound)
+    subject.read(Path(shutil.copytree(sound, tmp_path / "first")))
+    refused = 0
+    for number in range(6):
+        work = Path(shutil.copytree(sound, tmp_path / "work"))
+        subject.change(work, np.random.default_rng([7, number]))
+        try:
+            subject.read(work)
+        except InputError:
+            refused += 1
+        shutil.rmtree(work)
+    assert refused or name == "caches", "no change was noticed"
+
+
+def test_a_reader_that_fails_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def broken(folder: Path) -> None:
+        raise ZeroDivisionError("planted")
+
+    subject = fuzz_subjects.SUBJECTS["caches"]
+    planted = fuzz_subjects.Subject(subject.make, subject.change, broken)
+    monkeypatch.setitem(fuzz_subjects.SUBJECTS, "caches", planted)
+    note, told = fuzz._attempt("caches", tmp_path)
+    assert not note and told.startswith("ZeroDivisionError: planted")
+
+
+def test_flipped_bits_are_found_and_mended() -> None:
+    parts = flips.flips(15, seed=5)
+    assert sum(part.tries for part in parts) >= 15 and not [told for part in parts for told in part.failures]
+
+
+def test_changes_of_json_stay_json() -> None:
+    content = b'{"a": [1, 2, {"b": "c"}], "d": "{\\"e\\": 1}"}'
+    made = {mutations.json_mutated(content, np.random.default_rng(seed)) for seed in range(40)}
+    assert len(made) > 20 and content not in made
+
+
+def test_the_table_counts_what_failed(capsys: pytest.CaptureFixture[str]) -> None:
+    part = attempts.Attempts("a part")
+    part.held("read")
+    part.failed("for a reason")
+    assert attempts.print_attempts([part]) == 1
+    told = capsys.readouterr().out
+    assert "| a part | 2 | 1 | 1 | 1 read |" in told and "for a reason" in told
+    assert attempts.shares(10, 3) == [4, 3, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(traced.available()), reason=traced.available() or "strace works")
+@pytest.mark.parametrize("kind", ["kills", "faults"])
+def test_commands_that_are_stopped_are_finished(kind: str) -> None:
+    import subprocess
+    import sys
+
+    words = [
+        sys.executable,
+        "-m",
+        "beambench.benchmarks.checks.interruptions",
+        "--kind",
+        kind,
+        "--count",
+        "6",
+        "--only",
+        "data",
+    ]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
