@@ -11,7 +11,7 @@ import pytest
 
 from beambench.benchmarks.gate.check import ABSTAINS, PASS, REGRESSION, Check
 from beambench.benchmarks.gate.figures import read_figures
-from beambench.benchmarks.gate.outputs import append_history, github_annotations, junit
+from beambench.benchmarks.gate.outputs import annotation_lines, append_history, junit
 from beambench.benchmarks.scores.inputs import write_inputs
 from beambench.cli import main
 from beambench.scenes.errors import InputError
@@ -44,7 +44,7 @@ def test_junit_has_a_failure_for_a_regression_and_an_error_for_an_abstention() -
 
 
 def test_annotations_are_one_line_each_and_escaped() -> None:
-    lines = github_annotations(CHECKS)
+    lines = annotation_lines(CHECKS)
     assert lines[0].startswith("::error title=beambench gate%3A regression::accuracy of a")
     assert lines[1].startswith("::warning ") and "50 %25, twice%0Aover" in lines[1]
     assert len(lines) == 2 and not any("\n" in line for line in lines)

@@ -29,7 +29,7 @@ def _json(result: GateResult, given: Arguments) -> dict[str, Any]:
 
 
 def _text(result: GateResult, given: Arguments) -> None:
-    from ..benchmarks.gate.outputs import change_text, github_annotations
+    from ..benchmarks.gate.outputs import annotation_lines, change_text
 
     for name, (same, half) in result.same.items():
         print_lines(f"A/A      {name}: {100 * math.expm1(same):+.2f} % ± {100 * half:.2f} % (99 %)")
@@ -47,7 +47,7 @@ def _text(result: GateResult, given: Arguments) -> None:
             right=("change", "must stay below", "p (Holm)"),
         )  # fmt: skip
     if os.environ.get("GITHUB_ACTIONS") == "true":
-        print_lines(*github_annotations(result.checks))
+        print_lines(*annotation_lines(result.checks))
     print_lines(*result.notes)
     if given.get("update"):
         print_lines(f"baseline {result.baseline}")

@@ -15,7 +15,7 @@ from ..folders.files import write_text
 from .check import ABSTAINS, REGRESSION, Check
 from .figures import Figures
 
-__all__ = ["github_annotations", "append_history", "change_text", "junit"]
+__all__ = ["annotation_lines", "append_history", "change_text", "junit"]
 
 
 def change_text(check: Check) -> str:
@@ -51,7 +51,7 @@ def junit(checks: Sequence[Check], suite: str) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def github_annotations(checks: Sequence[Check]) -> list[str]:
+def annotation_lines(checks: Sequence[Check]) -> list[str]:
     """Workflow commands of GitHub Actions: an error per regression, a warning per abstention."""
     lines = []
     for check in checks:

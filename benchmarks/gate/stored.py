@@ -27,14 +27,14 @@ _LEAST_OTHERS = 4
 
 def setting_differs(old: Figures, new: Figures, *, processor: bool) -> str:
     """What differs between the libraries and, with `processor`, the processors of two runs; "" for nothing."""
-    parts: list[tuple[str, dict[str, Any], dict[str, Any]]] = [("", old.head["versions"], new.head["versions"])]
+    parts: list[tuple[dict[str, Any], dict[str, Any]]] = [(old.head["versions"], new.head["versions"])]
     if processor:
         names = ("processor", "features", "device_class", "threads_per_estimator")
-        before, after = ({k: one.head["machine"].get(k) for k in names} for one in (old, new))
-        parts.append(("", before, after))
+        first, second = ({name: one.head["machine"].get(name) for name in names} for one in (old, new))
+        parts.append((first, second))
     found = [
         f"{name} {a.get(name, 'unknown')} -> {b.get(name, 'unknown')}"
-        for _, a, b in parts
+        for a, b in parts
         for name in sorted({*a, *b} - {"beambench"})
         if a.get(name) != b.get(name)
     ]
