@@ -29,7 +29,9 @@ def _git(project: Path, *arguments: str) -> subprocess.CompletedProcess[bytes]:
             stdin=subprocess.DEVNULL,
         )  # fmt: skip
     except FileNotFoundError as error:
-        raise InputError("The program git is not installed.", where="--against", next_step="give a wheel instead") from error
+        raise InputError(
+            "The program git is not installed.", where="--against", next_step="give a wheel instead"
+        ) from error
 
 
 def commit_of(project: Path) -> str:
