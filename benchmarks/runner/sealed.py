@@ -71,7 +71,7 @@ def block(folder: Path, condition: str, alter: Alter | None = None) -> int:
 
 
 def _write(handle: int, array: npt.NDArray[Any], offset: int) -> None:
-    data = memoryview(array.reshape(-1).view(np.uint8))
+    data = array.reshape(-1).view(np.uint8).data
     done = 0
     while done < len(data):  # one call writes 2 GiB at most
         done += os.pwrite(handle, data[done:], offset + done)
