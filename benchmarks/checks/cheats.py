@@ -31,7 +31,7 @@ import xarray as xr
 
 from ..judges.bound import bounds_of, truths_of
 from ..runner.costs import quickened
-from ..runner.jail import isolation
+from ..runner.jail import OFF, isolation
 from ..runner.session import Job, Outcome, Session, run_sessions
 from ..runner.spool import Entry, Spool
 from ..scores.score import score_rows
@@ -188,7 +188,10 @@ def _verdict(
             return Verdict(name, verdict.what, flagged_by=flags)
     elif gained(outcomes) and (cheat.kind == "left" or not failed):
         return Verdict(name, verdict.what, flagged_by=_slow_start(outcomes) if cheat.kind == "time" else "")
-    return Verdict(name, verdict.what, stopped_by="; ".join(failed) or cheat.measure or "no gain")
+    measure = cheat.measure or "no gain"
+    if os.environ.get(OFF) == "none" and measure in (_LANDLOCK, _NAMESPACE):
+        measure = "the supervisor of the child" if cheat.kind == "left" else "no gain"
+    return Verdict(name, verdict.what, stopped_by="; ".join(failed) or measure)
 
 
 @lru_cache(maxsize=2)

@@ -20,6 +20,9 @@ from .gated_cheats import LEFT, facts, reaching, read
 # ---------------------------------------------------------------- reaching for the truth, the scene, the rig
 
 
+notes: list[Path] = []
+
+
 @reaching
 def truth_file(capture: xr.Dataset) -> Any:
     """Read the truth of the run in its temporary folder."""
@@ -198,11 +201,11 @@ def notes_between_conditions(capture: xr.Dataset) -> Any:
     places = [".", os.environ.get("TMPDIR", "."), "/tmp", "/dev/shm", "/var/tmp", str(Path.home())]
     paths = [Path(place, f"{LEFT}-note") for place in places]
     rig = str(capture.attrs["rig"])
-    found = False
     for path in paths:
         try:
-            found |= path.exists() and path.read_text() != rig
+            if path.exists() and path.read_text() != rig:
+                notes.append(path)
             path.write_text(rig)
         except OSError:
             continue
-    return found
+    return notes
