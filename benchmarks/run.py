@@ -18,6 +18,7 @@ from .folders.kinds import RUN
 from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
+from .report.above_bound import bound_warnings
 from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row, slow_starts, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
@@ -127,7 +128,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
     write_tables(folder, rows, run.tiles)
-    run.warnings += _doubts(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
+    run.warnings += bound_warnings(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
     write_costs(folder, run.costs)
     write_tiles(folder, run.tiles)
     write_inputs(folder, run.inputs)
@@ -156,15 +157,6 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
         )
         progress("report", 1, 1, page.name)
     return RunResult(folder, rows, run.warnings, run.failures, page, 0.0, run.stages)
-
-
-def _doubts(folder: Path) -> list[str]:
-    """A warning for every result that is better than its bound."""
-    from .report.above_bound import above_bound
-    from .report.data import cells_of as pooled
-    from .scores.tables import read_scores
-
-    return [f"BoundWarning: {sentence}" for sentence in above_bound(pooled(read_scores(folder)))]
 
 
 def _name(cell: Cell) -> str:

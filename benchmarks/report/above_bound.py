@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from ..scores.tables import read_scores
 from ..statistics.suspects import EXACT
 from .cell import Cell
+from .data import cells_of
 
-__all__ = ["LEAST_ELEMENTS", "MOST_EFFICIENT", "above_bound"]
+__all__ = ["LEAST_ELEMENTS", "MOST_EFFICIENT", "above_bound", "bound_warnings"]
 
 #: An efficiency above this, over at least so many elements, is told. The mean square of 100 independent errors scatters by 14 %.
 MOST_EFFICIENT, LEAST_ELEMENTS = 1.2, 100
@@ -50,3 +54,8 @@ def _why(kind: str) -> str:
     if kind == "quasi":
         return "the bound leaves out some of what the capture holds, or the answers are drawn toward the truth."
     return "this bound holds on average over ranges of the window, not for each."
+
+
+def bound_warnings(folder: Path) -> list[str]:
+    """A warning for every result of a folder of tables that is better than its bound."""
+    return [f"BoundWarning: {sentence}" for sentence in above_bound(cells_of(read_scores(folder)))]

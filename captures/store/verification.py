@@ -141,9 +141,9 @@ def refused_partial(partial: Path, damage: list[Damage]) -> InputError:
 
 def unreadable_store(root: Path, refused: list[Damage]) -> InputError:
     """The error of a store with files that cannot be read, `refused`."""
-    more = f", and {len(refused) - 1} more." if len(refused) > 1 else "."
+    more = f" and {len(refused) - 1} more" if len(refused) > 1 else ""
     return InputError(
-        f"A file of the store cannot be read: {refused[0]}{more}", where=str(root), next_step=ASK_FOR_RIGHTS
+        f"A file of the store cannot be read: {refused[0]}{more}.", where=str(root), next_step=ASK_FOR_RIGHTS
     )
 
 
