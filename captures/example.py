@@ -19,6 +19,7 @@ __all__ = ["example_capture"]
 _SIZES = {
     "slice": 6, "row": 5, "col": 7, "channel": 3, "shot": 4, "sample": 32, "pulse_sample": 16, "frequency": 2, "phase": 4,
     "frame": 3, "return": 2, "survey": 1, "lenslet": 9, "mode": 8, "pupil_row": 6, "pupil_col": 6,
+    "image_row": 6, "image_col": 6, "gate": 2, "layer": 1,
 }  # fmt: skip
 
 

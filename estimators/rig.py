@@ -202,7 +202,7 @@ def _parsed(text: str) -> DeclaredRig:
         values = read_json(text)
     except ValueError as error:
         raise InputError(
-            "The declared rig is not JSON.",
+            f"The declared rig is not JSON that can be read: {error}.",
             where="attribute rig",
             value=text[:80],
             allowed="the JSON text of an object",
