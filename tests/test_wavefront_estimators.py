@@ -289,7 +289,8 @@ def test_the_compiled_centre_of_gravity_is_that_of_the_cells(light: float) -> No
 
 @pytest.mark.parametrize("label", [
     "spot-power[alpha=-1]", "spot-power[alpha=0]", "spot-window[reach=0]", "spot-brightest[pixels=2]", "spot-weighted[width=0]",
-    "spot-weighted[steps=0]", "spot-threshold[threshold=1]", "spot-threshold[sigmas=-1]", "spot-ml[steps=0]", "spot-joint[rounds=0]",
+    "spot-weighted[steps=0]", "spot-threshold[threshold=1]", "spot-threshold[sigmas=-1]", "spot-ml[steps=0]",
+    "spot-joint[rounds=0]",
     "spot-gaussian[steps=-3]", "spot-matched[steps=0]", "spot-centroid[least_sigmas=-1]", "spot-quad[least_sigmas=-2]",
 ])  # fmt: skip
 def test_an_option_outside_its_limits_is_refused_and_never_replaced(label: str) -> None:
