@@ -45,6 +45,7 @@ class Quantity:
             does not have.
         long_name: description in a few words.
     Other arguments:
+        noun: the word for one element where it is not the layout's, e.g. "spot" for one of the many spots of a frame.
         shown: (factor, unit) for display, e.g. (1e3, "mm").
         positive: whether zero and negative values are impossible.
         components: the last dimensions, if they count the components of one element (x, y and z of a point): an element
@@ -58,6 +59,7 @@ class Quantity:
     shown: tuple[float, str] = (1.0, "")
     positive: bool = False
     components: tuple[str, ...] = ()
+    noun: str = ""
 
     @property
     def element_dims(self) -> tuple[str, ...]:

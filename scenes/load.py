@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from .errors import InputError
 from .overrides import apply_overrides
 from .possible import check_possible
+from .rigs import RIGS
 from .scene import Scene
 from .spec_files import LIBRARY, find_spec_file, read_spec_file
 from .validate import validate_spec
@@ -45,9 +47,23 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
         data, where = _anchor(read_spec_file(path), path.parent, overrides or {}), str(source)
     if overrides:
         data = apply_overrides(data, overrides)
-    scene = validate_spec(Scene, data, where)
+    scene = validate_spec(Scene, data, where, example=partial(_example, data))
     check_possible(scene)
     return scene
+
+
+def _example(data: Mapping[str, Any]) -> str:
+    """Next step of a wrong scene: where to see a complete one with the same kind of rig."""
+    kind = _kind_of(data)
+    same = (name for name in list_scenes() if _kind_of(read_spec_file(LIBRARY / f"{name}.toml")) == kind)
+    first = next(same, "") if isinstance(kind, str) and kind in RIGS and kind != next(iter(RIGS)) else ""
+    return f"beambench scenes show {first}   (a complete example)" if first else Scene.example
+
+
+def _kind_of(data: Mapping[str, Any]) -> Any:
+    """The kind of a scene's rig; a rig that gives none is of the first."""
+    rig = data.get("rig")
+    return rig.get("kind", next(iter(RIGS))) if isinstance(rig, Mapping) else None
 
 
 def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -21,10 +21,12 @@ _DEEPEST = 100
 _LARGEST = 10**400
 
 
-def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> SpecT:
+def validate_spec(
+    model: type[SpecT], data: Mapping[str, Any], where: str, *, example: Callable[[], str] | None = None
+) -> SpecT:
     """Validate plain data against a spec, and raise one `InputError` that names the path of every error.
 
-    Validation is strict: "5" is not a number and true is not 1.
+    Validation is strict: "5" is not a number and true is not 1. `example`: gives the next step of an error; by default the spec's.
     """
     _check_plain(data, where)
     text = json.dumps(data, allow_nan=False)
@@ -42,7 +44,7 @@ def validate_spec(model: type[SpecT], data: Mapping[str, Any], where: str) -> Sp
             where=f"{where}: {path}",
             value=None if first["type"] == "missing" else first.get("input"),
             allowed=_message(first) + more + _near_keys(model, first),
-            next_step=model.example if issubclass(model, Spec) else "",
+            next_step=example() if example else model.example if issubclass(model, Spec) else "",
         ) from error
 
 

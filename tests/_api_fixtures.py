@@ -32,7 +32,7 @@ def score_row(**changes: Any) -> dict[str, Any]:
         "stress": "none",
         "seed": 0,
         "condition": "matched",
-        "stage": "estimate",
+        "stage": "range",
         "estimator": "peak",
         "modality": "gated",
         "quantity": "range",

@@ -106,3 +106,28 @@ def test_the_page_ranks_with_intervals(tmp_path: Path) -> None:
     (folder / "ranking.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="ranking"):
         write_report(folder)
+
+
+def test_tiles_of_the_main_quantity_say_nothing_of_another_one() -> None:
+    """A chain gives coefficients and a phase, whose errors differ a hundredfold; tiles hold those of the coefficients."""
+    rows = []
+    for name, rmse in (("zernike", 1e-2), ("phase", 1.0)):
+        rows += [
+            made_up.score_row(
+                modality="wavefront", stage="reconstruction", quantity=name, unit="rad", estimator=estimator, seed=seed,
+                rmse_full=worse * rmse, cpu_s=1e-3 * worse, bound=rmse / 2,
+            )
+            for estimator, worse in (("zernike-map", 1.0), ("zernike-ls", 2.0))
+            for seed in (0, 1)
+        ]  # fmt: skip
+    tiles = {
+        ("flat-wall", "matched", seed, estimator): (worse**2 * 1e-4 * np.full(64, 1000.0), np.full(64, 1000.0))
+        for estimator, worse in (("zernike-map", 1.0), ("zernike-ls", 2.0))
+        for seed in (0, 1)
+    }
+    cells = cells_of(pd.DataFrame(rows))
+    mark_front(cells, (), tiles)
+    for cell in cells:
+        if not math.isnan(cell.error_lo):
+            assert cell.error_lo <= cell.rmse_full * 1.001 and cell.error_hi >= cell.rmse_full * 0.999, cell.quantity
+    assert not math.isnan(next(c.error_lo for c in cells if c.quantity == "zernike"))

@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from beambench.benchmarks.report.cell import common_noun
 from beambench.benchmarks.report.data import base_cells, cells_of
 from beambench.benchmarks.report.front import mark_front
 from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
 from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, value_limits
 from beambench.benchmarks.report.text import closing_lines, number, rank, rate, summary, time_text
 from beambench.benchmarks.scores.tables import read_scores
+from beambench.captures.layouts import LAYOUTS, layout_of
 
 from . import _api_fixtures as made_up
 
@@ -326,3 +328,51 @@ def test_an_estimator_is_labelled_once_unless_its_points_lie_apart() -> None:
         placed = points(second)
         place_labels(placed, [10.0, 1e3], [1.0, 1e3])
         assert [point["text"] for point in placed] == shown
+
+
+def _chain_rows() -> pd.DataFrame:
+    """A centroid, and a chain of two quantities: 608 spots, 80 coefficients and 20,000 samples of 4 frames in 8 ms."""
+    kinds = (
+        ("centroid", "spot", "px", 608, 0.0157, "spot-ml"),
+        ("reconstruction", "zernike", "rad", 80, 0.0376, "spot-ml+slope-cell+zernike-ls"),
+        ("reconstruction", "phase", "rad", 20000, 0.258, "spot-ml+slope-cell+zernike-ls"),
+    )
+    return pd.DataFrame([
+        made_up.score_row(
+            modality="wavefront", stage=stage, quantity=quantity, unit=unit, n=n, rmse_full=rmse, rmse=rmse, bound=rmse,
+            estimator=estimator, cpu_s=8e-3, wall_s=8e-3, throughput=n / 8e-3,
+        )
+        for stage, quantity, unit, n, rmse, estimator in kinds
+    ])  # fmt: skip
+
+
+def test_times_are_counted_by_the_elements_of_the_quantity_and_named_so() -> None:
+    cells = cells_of(_chain_rows())
+    assert [(cell.noun, round(cell.cpu_per_element_s * 1e9)) for cell in cells] == [
+        ("spot", 13158), ("coefficient", 100000), ("sample", 400),
+    ]  # fmt: skip
+    assert common_noun(cells) == "element" and common_noun(cells[:1]) == "spot"
+
+
+def test_quantities_are_not_ranked_against_each_other() -> None:
+    """Errors in px and rad, and times per spot and per coefficient, have no order."""
+    table = _chain_rows()
+    lines = closing_lines(table)
+    assert [line.split(":")[0] for line in lines[:6]] == [
+        f"{word:9}{name}" for name in ("spot", "zernike", "phase") for word in ("best", "fastest")
+    ]
+    assert "13.2 µs CPU per spot" in lines[0] and "100 µs CPU per coefficient" in lines[2]
+    first, second, third = summary(table)
+    assert (
+        "spot: spot-ml, down to 0.0157 px" in first
+        and "zernike: spot-ml+slope-cell+zernike-ls, down to 0.0376 rad" in first
+    )
+    assert "100 µs of CPU time per coefficient" in second and "elements" in third
+
+
+def test_every_quantity_of_more_elements_than_its_capture_has_names_them() -> None:
+    """What has dimensions beyond those that the layout counts needs a word of its own: CPU times are per such an element."""
+    for layout in map(layout_of, LAYOUTS):
+        for quantity in layout.quantities:
+            same = set(quantity.element_dims) - {"return"} <= {*layout.element}
+            assert same or quantity.noun, (layout.name, quantity.name)

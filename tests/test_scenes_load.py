@@ -240,3 +240,22 @@ def test_scanned_meshes_are_measured(real_data: Path) -> None:
     dragon = load_scene("flat-wall", {"target.0.shape": shape("dragon_vrip_res3.ply.gz")})
     told = measure_shape(dragon.target[0].shape, "x")
     assert told["faces"] == 47794 and not told["watertight"] and told["loose_edges"] > 0
+
+
+def test_the_next_step_of_a_wrong_scene_shows_one_with_the_same_kind_of_rig() -> None:
+    for name in list_scenes():
+        data = load_scene(name).model_dump(mode="json")
+        data["rig"]["no_such_key"] = 1
+        with pytest.raises(InputError) as caught:
+            load_scene(data)
+        shown = caught.value.next_step.split()[3]
+        assert load_scene(shown).modality == load_scene(name).modality, name
+
+
+@pytest.mark.parametrize("kind", [[], {}, 7, None, "no-such-rig"])
+def test_a_kind_of_rig_that_is_no_name_is_refused(kind: Any) -> None:
+    data = load_scene("flat-wall").model_dump(mode="json")
+    data["rig"]["kind"] = kind
+    with pytest.raises(InputError) as caught:
+        load_scene(data)
+    assert caught.value.next_step

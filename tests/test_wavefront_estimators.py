@@ -285,3 +285,17 @@ def test_the_compiled_centre_of_gravity_is_that_of_the_cells(light: float) -> No
     np.testing.assert_array_equal(one["valid"].values, other["valid"].values)
     for name in ("spot", "sigma"):
         np.testing.assert_allclose(other[name].values, one[name].values, rtol=1e-6, atol=2e-6)
+
+
+@pytest.mark.parametrize("label", [
+    "spot-power[alpha=-1]", "spot-power[alpha=0]", "spot-window[reach=0]", "spot-brightest[pixels=2]", "spot-weighted[width=0]",
+    "spot-weighted[steps=0]", "spot-threshold[threshold=1]", "spot-threshold[sigmas=-1]", "spot-ml[steps=0]",
+    "spot-joint[rounds=0]",
+    "spot-gaussian[steps=-3]", "spot-matched[steps=0]", "spot-centroid[least_sigmas=-1]", "spot-quad[least_sigmas=-2]",
+])  # fmt: skip
+def test_an_option_outside_its_limits_is_refused_and_never_replaced(label: str) -> None:
+    capture = hide_truth(written_capture(scene_of(1), 3000.0, 1.0, np.zeros((1, 64, 2)), seed=1))
+    name = label.partition("[")[2].partition("=")[0]
+    with pytest.raises(InputError) as caught:
+        run_estimator(label, capture)
+    assert caught.value.where == name and caught.value.allowed and caught.value.next_step

@@ -41,14 +41,23 @@ def _score_json(table: pd.DataFrame, given: Arguments) -> dict[str, Any]:
 
 
 def _score_text(table: pd.DataFrame, given: Arguments) -> None:
-    from ..benchmarks.report.data import cells_of, unit_scale
+    from ..benchmarks.report.cell import common_noun
+    from ..benchmarks.report.data import by_quantity, cells_of, unit_scale
     from ..benchmarks.report.text import closing_lines
 
     cells, folder = cells_of(table), table.attrs["folder"]
-    factor, unit = unit_scale(cells[0])
-    numbers = (f"RMSE, {unit}", "coverage", f"bias, {unit}", f"bound, {unit}", "failed", f"CPU per {cells[0].noun}")
-    print_table(("estimator", "where", *numbers, "status"), [_scored(cell, factor) for cell in cells], right=numbers)
-    print_lines("", *closing_lines(table), f"tables   {folder}/scores.csv", f"next     beambench report {folder}")
+    groups = by_quantity(cells)
+    for name, group in groups.items():
+        factor, unit = unit_scale(group[0])
+        of = f"{name}: " if len(groups) > 1 else ""
+        numbers = (
+            f"{of}RMSE, {unit}", "coverage", f"bias, {unit}", f"bound, {unit}", "failed", f"CPU per {common_noun(group)}",
+        )  # fmt: skip
+        print_table(
+            ("estimator", "where", *numbers, "status"), [_scored(cell, factor) for cell in group], right=numbers
+        )
+        print_lines("")
+    print_lines(*closing_lines(table), f"tables   {folder}/scores.csv", f"next     beambench report {folder}")
 
 
 def _scored(cell: Cell, factor: float) -> tuple[str, ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ...captures.layouts import LAYOUTS, layout_of
 from ..statistics.skips import not_applicable
 from ..statistics.suspects import suspicion
 
-__all__ = ["FAILS_ABOVE", "Cell"]
+__all__ = ["FAILS_ABOVE", "Cell", "common_noun"]
 
 #: Above this share of failed elements an estimator counts as failing in a cell (`level10` of breakdown.csv).
 FAILS_ABOVE = 0.10
@@ -96,8 +97,11 @@ class Cell:
 
     @property
     def noun(self) -> str:
-        """Name of an element, e.g. pixel or shot."""
-        return layout_of(self.modality).noun if self.modality in LAYOUTS else "element"
+        """Name of an element of the quantity, which CPU times and failures are counted by, e.g. pixel, shot or spot."""
+        if self.modality not in LAYOUTS:
+            return "element"
+        layout, name = layout_of(self.modality), self.quantity.removesuffix("-mixed")
+        return next((q.noun for q in layout.quantities if q.name == name), "") or layout.noun
 
     @property
     def place(self) -> str:
@@ -107,3 +111,9 @@ class Cell:
             if axis:
                 where += f", {axis} {level}"
         return f"{where}, mixed {self.noun}s" if self.mixed else where
+
+
+def common_noun(cells: Iterable[Cell]) -> str:
+    """The word for an element that all cells share, else "element"."""
+    nouns = {cell.noun for cell in cells}
+    return nouns.pop() if len(nouns) == 1 else "element"

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..folders.files import write_atomic, write_text
-from .data import Cell, unit_scale
+from .cell import Cell, common_noun
+from .data import unit_scale
 from .front import SUSPECT
 from .layout import HEIGHT, WIDTH, log_domain, log_ticks, place_labels
 from .styles import Style, styles_of
@@ -77,7 +78,7 @@ def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any
     errors = [p[k] for p in points for k in ("error", "error_lo", "error_hi") if p[k]] + bounds
     place_labels(points, cpus, errors)
     base = alt.Chart(alt.InlineData(values=points))
-    noun = cells[0].noun
+    noun = common_noun(cells)
     x = alt.X("cpu:Q", title=f"CPU time per {noun}, ns", scale=_log_scale(cpus), axis=_log_axis(cpus))
     y = alt.Y("error:Q", title=f"RMSE of all {noun}s, {unit}", scale=_log_scale(errors), axis=_log_axis(errors))
     tips = [alt.Tooltip(f"{k}:N", title=t) for k, t in _TIPS.items()]

@@ -21,6 +21,7 @@ __all__ = [
     "Cell",
     "axis_text",
     "base_cells",
+    "by_quantity",
     "cells_of",
     "level_text",
     "read_run",
@@ -153,6 +154,21 @@ def base_cells(cells: list[Cell]) -> list[Cell]:
     """The cells of unmixed elements without stress; where every cell is stressed, all of unmixed elements."""
     plain = [cell for cell in cells if not cell.mixed]
     return [cell for cell in plain if not cell.stressed] or plain
+
+
+def by_quantity(cells: list[Cell]) -> dict[str, list[Cell]]:
+    """Cells by what they measure: errors and times per element of different quantities cannot be compared.
+
+    The key names the quantity, with its stage where two stages give one of that name.
+    """
+    groups: dict[tuple[str, str, str], list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault((cell.quantity, cell.stage, cell.modality), []).append(cell)
+    names = [key[0] for key in groups]
+    return {
+        key[0] if names.count(key[0]) == 1 else " ".join(part for part in reversed(key) if part): group
+        for key, group in groups.items()
+    }
 
 
 def unit_scale(cell: Cell) -> tuple[float, str]:

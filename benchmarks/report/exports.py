@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..folders.files import write_text
-from .cell import Cell
+from .cell import Cell, common_noun
 from .charts import panel_title, panels_of
 from .citations import citations_of, latex
 from .data import unit_scale
@@ -65,7 +65,7 @@ def _markdown(title: str, sentences: list[str], base: list[Cell], command: str) 
 
     lines = [f"# {safe(title)}", "", safe(" ".join(sentences)), "", "![speed against accuracy](speed-accuracy.png)", ""]
     for name, cells in _tables(base):
-        noun = cells[0].noun
+        noun = common_noun(cells)
         lines += [f"## {safe(name)}", "", f"RMSE of all {noun}s with its 95 % interval; CPU time per {noun}.", ""]
         lines += ["| " + " | ".join(_HEAD) + " |", "|" + "---|" * len(_HEAD)]
         lines += ["| " + " | ".join(safe(text) for text in (c.label, *_figures(c))) + " |" for c in cells]
@@ -80,7 +80,7 @@ def _latex(title: str, base: list[Cell], keys: dict[str, list[str]], without: li
         *(f"% No source is known here of {latex(label)}." for label in without),
     ]
     for name, cells in _tables(base):
-        noun = cells[0].noun
+        noun = common_noun(cells)
         lines += [
             "\\begin{table}", "  \\centering",
             f"  \\caption{{{latex(title)}, {latex(name)}: RMSE of all {noun}s with its 95\\,\\% interval, and CPU time "

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...captures.layouts import is_main_quantity
 from ...estimators.labels import label_of
 from ..runner.costs import cost_interval
 from ..scores.error_tiles import TileKey
@@ -86,11 +87,15 @@ def _over_seeds(cell: Cell) -> tuple[float, float]:
 
 
 def _units(group: list[Cell], tiles: Mapping[TileKey, tuple[Float, Float]]) -> tuple[Float, Float]:
-    """Squared errors (cell, unit) on the units (tiles or seeds) that all cells share, and elements per unit."""
+    """Squared errors (cell, unit) on the units (tiles or seeds) that all cells share, and elements per unit.
+
+    Tiles hold the errors of an estimator's main quantity alone.
+    """
     seeds = sorted(set.intersection(*({seed for seed, *_ in cell.per_seed} for cell in group)))
     first = group[0]
     keys = [[(c.scene, c.condition, seed, c.label) for seed in seeds] for c in group]
-    if not first.stressed and not first.mixed and all(key in tiles for row in keys for key in row) and seeds:
+    main = is_main_quantity(first.stage, first.quantity) and not first.stressed and not first.mixed
+    if main and seeds and all(key in tiles for row in keys for key in row):
         sums = np.array([np.concatenate([tiles[key][0] for key in row]) for row in keys])
         counts = np.concatenate([tiles[key][1] for key in keys[0]])
         return sums[:, counts > 0], counts[counts > 0]

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from .cell import common_noun
 from .charts import panel_title, panels_of, speed_accuracy_spec
 from .data import Cell, unit_scale
 from .fidelity_chart import effects_of, effects_spec, effects_words, read_rungs, rungs_spec
@@ -52,7 +53,7 @@ def charts_of(folder: Path, base: list[Cell], cells: list[Cell], styles: Mapping
         for (scene, condition, axis), group in stress_groups(cells).items()
     }
     panels, stresses = _panels(base, styles), _stresses(groups, styles)
-    noun = base[0].noun if base else "element"
+    noun = common_noun(base)
     opening = [
         _place("Speed against accuracy", f"CPU time per {noun} against error; lower left is better.", panels, "", ""),
         _place(
@@ -92,7 +93,7 @@ def _panels(cells: list[Cell], styles: Mapping[str, Style]) -> list[dict[str, An
                 "title": panel_title(panel, panels),
                 "spec": speed_accuracy_spec(group, page=True, styles=styles) if drawn else None,
                 "plain": partial(speed_accuracy_spec, group, page=False, styles=styles),
-                "alt": f"CPU time per {group[0].noun} against RMSE, scene {panel[0]}: " + "; ".join(words),
+                "alt": f"CPU time per {common_noun(group)} against RMSE, scene {panel[0]}: " + "; ".join(words),
             }
         )
     return result
@@ -105,7 +106,7 @@ def _stresses(groups: Mapping[str, list[Cell]], styles: Mapping[str, Style]) -> 
             "title": title,
             "spec": stress_spec(group, page=True, styles=styles) if any(not c.skipped for c in group) else None,
             "plain": partial(stress_spec, group, page=False, styles=styles),
-            "alt": f"Share of failed {group[0].noun}s against {group[0].stress}, scene {group[0].scene}",
+            "alt": f"Share of failed {common_noun(group)}s against {group[0].stress}, scene {group[0].scene}",
         }
         for position, (title, group) in enumerate(groups.items())
     ]

@@ -15,8 +15,9 @@ from ..scores.error_tiles import read_tiles
 from ..scores.tables import read_scores
 from .above_bound import above_bound
 from .breakdown import page_section
+from .cell import Cell, common_noun
 from .charts import VERDICT_MARKS, save_charts
-from .data import Cell, base_cells, cells_of, read_run, seeds_of, unit_scale
+from .data import base_cells, cells_of, read_run, seeds_of, unit_scale
 from .exports import EXPORTS, write_exports
 from .front import mark_front
 from .opening import charts_of
@@ -83,7 +84,7 @@ def write_report(run_dir: str | Path) -> Path:
         table=score_table(ran),
         verdict_marks=VERDICT_MARKS,
         unit=_only([unit_scale(c)[1] for c in cells], ""),
-        noun=_only([c.noun for c in cells], "element"),
+        noun=common_noun(cells),
         scenes=picture_scenes(pictures, order),
         breakdown=page_section(folder),
         failures=_failures(cells, run),
@@ -184,9 +185,8 @@ def _counts(table: Any, cells: list[Cell]) -> list[tuple[str, str]]:
         "seed": len(seeds_of(table)),
     }
     elements = table.groupby(["scene", "seed", "stress", "level", "stress2", "level2", "quantity"])["n"].max().sum()
-    noun = cells[0].noun if cells else "element"
     counts = [(str(count), name if count == 1 else name + "s") for name, count in counted.items()]
-    return [*counts, (f"{elements / 1e6:.2f} M", f"{noun}s with truth")]
+    return [*counts, (f"{elements / 1e6:.2f} M", f"{common_noun(cells)}s with truth")]
 
 
 def _failures(cells: list[Cell], run: dict[str, Any]) -> list[dict[str, Any]]:

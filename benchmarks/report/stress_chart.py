@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..statistics.levels import is_log
+from .cell import Cell, common_noun
 from .charts import chosen_opacity, finished
-from .data import Cell
+from .data import by_quantity
 from .layout import HEIGHT, WIDTH
 from .styles import Style, styles_of
 from .text import rate
@@ -17,11 +18,15 @@ __all__ = ["static_stresses", "stress_groups", "stress_spec"]
 
 
 def stress_groups(cells: list[Cell]) -> dict[tuple[str, str, str], list[Cell]]:
-    """Stressed cells by (scene, condition, axis), where an axis has at least two levels."""
+    """Stressed cells by (scene, condition, axis), where an axis has at least two levels; by quantity too, which the axis then
+    names, where there are several: one line is of one kind of element."""
     groups: dict[tuple[str, str, str], list[Cell]] = {}
-    for cell in cells:
-        if cell.stressed and not cell.stress2 and not cell.mixed:
-            groups.setdefault((cell.scene, cell.condition, cell.stress), []).append(cell)
+    own = [cell for cell in cells if cell.stressed and not cell.stress2 and not cell.mixed]
+    for name, group in by_quantity(own).items():
+        several = len({cell.quantity for cell in own if cell.scene == group[0].scene}) > 1
+        for cell in group:
+            axis = f"{cell.stress}, {name}" if several else cell.stress
+            groups.setdefault((cell.scene, cell.condition, axis), []).append(cell)
     return {key: group for key, group in groups.items() if len({c.level for c in group}) > 1}
 
 
@@ -37,7 +42,7 @@ def stress_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | 
 def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any:
     import altair as alt
 
-    axis, noun = cells[0].stress, cells[0].noun
+    axis, noun = cells[0].stress, common_noun(cells)
     numeric = all(_is_number(c.level) for c in cells)
     cells = [c for c in cells if not c.skipped]
     labels = list(dict.fromkeys(c.label for c in cells))

@@ -17,6 +17,7 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
     """
     rows = []
     several = len({unit_scale(cell)[1] for cell in cells}) > 1
+    several_quantities = len({cell.quantity.removesuffix("-mixed") for cell in cells}) > 1
     for cell in sorted_cells(cells):
         factor, unit = unit_scale(cell)
         stress = " ".join(filter(None, (cell.stress, cell.level, cell.stress2, cell.level2)))
@@ -50,7 +51,9 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
                 "condition": cell.condition,
                 "stress": stress,
                 "unit": unit,
+                "quantity": cell.quantity.removesuffix("-mixed") if several_quantities else "",
                 "mixed": cell.mixed,
+                "noun": cell.noun,
                 "status": cell.status if cell.status.startswith("skip:") else cell.status.partition(":")[0],
                 "ok": cell.ok,
                 "fails": cell.fails,

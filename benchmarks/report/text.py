@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..statistics.skips import skip_reason
 from .above_bound import above_bound
-from .data import Cell, base_cells, cells_of, seeds_of, unit_scale
+from .cell import Cell, common_noun
+from .data import base_cells, by_quantity, cells_of, seeds_of, unit_scale
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,7 +176,35 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
             f"{plural(scenes, 'scene')} and {plural(seeds, 'seed')} were tried.",
             "The list of failures below gives the reasons.",
         ]
-    best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
+    tried = f"{plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}"
+    groups = by_quantity(base)
+    return [
+        *(_of_each(groups, tried) if len(groups) > 1 else _of_one(base, ranked, pairs, tried)),
+        _failing(cells, said),
+    ]
+
+
+def _of_each(groups: Mapping[str, list[Cell]], tried: str) -> list[str]:
+    """The smallest error and the fastest estimator of each quantity: errors and times of different quantities have no order."""
+    least, quickest = [], []
+    for name, cells in groups.items():
+        ranked = [r for r in rank(cells) if r.cells]
+        if not ranked:
+            continue
+        best, fastest = ranked[0], _fastest(ranked)
+        example = min((c for c in cells if c.label == best.label and c.ok), key=lambda c: c.rmse_full)
+        factor, unit = unit_scale(example)
+        least.append(f"{name}: {best.label}, down to {number(example.rmse_full * factor)} {unit}")
+        quickest.append(
+            f"{name}: {fastest.label}, {time_text(fastest.cpu_per_element_s)} of CPU time per {common_noun(cells)} at "
+            f"{number(fastest.error_ratio)} times the smallest error"
+        )
+    return [f"On {tried}, smallest error of {'; '.join(least)}.", f"Fastest for {'; '.join(quickest)}."]
+
+
+def _of_one(base: list[Cell], ranked: list[Ranked], pairs: Sequence[Mapping[str, Any]], tried: str) -> list[str]:
+    """The most accurate estimator and its significance, and the fastest, of one quantity."""
+    best, fastest, noun = ranked[0], _fastest(ranked), common_noun(base)
     example = min((c for c in base if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None)
     factor, unit = unit_scale(example) if example else (1.0, "")
     detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
@@ -188,9 +217,7 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
         doubt = f"; {beaten} of {plural(others, 'other')} significantly worse {basis}"
     else:
         doubt = "; too few scenes to say which differences are significant"
-    first = (
-        f"On {plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}, {best.label} {claim}{detail}{near}{doubt}."
-    )
+    first = f"On {tried}, {best.label} {claim}{detail}{near}{doubt}."
     if fastest.label == best.label:
         second = f"It is also the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun}."
     else:
@@ -199,6 +226,12 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
             f"({number(best.cpu_per_element_s / fastest.cpu_per_element_s)} times less than {best.label}) "
             f"at {number(fastest.error_ratio)} times the smallest error."
         )
+    return [first, second]
+
+
+def _failing(cells: list[Cell], said: Mapping[str, list[Cell]]) -> str:
+    """How many estimators fail, and which."""
+    noun = common_noun(cells)
     failing = [label for label, places in said.items() if places]
     mixed = [label for label, places in failures_of([cell for cell in cells if cell.mixed]).items() if places]
     apart = f" On mixed {noun}s, which are scored apart, {plural(len(mixed), 'estimator')} did." if mixed else ""
@@ -207,8 +240,7 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
         third = f"{len(failing)} {several} on more than 10 % of the {noun}s in at least one case: {listed(failing)}."
     else:
         third = f"No estimator fails on more than 10 % of the {noun}s in any case."
-    third += apart
-    return [first, second, third]
+    return third + apart
 
 
 def _fastest(ranked: list[Ranked]) -> Ranked:
@@ -226,22 +258,13 @@ def closing_lines(scores: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ())
     """
     cells = cells_of(scores)
     base, where = _one_condition(base_cells(cells))
-    ranked = [r for r in rank(base) if r.cells]
-    if not ranked:
+    groups = by_quantity(base)
+    lines = []
+    for name, group in groups.items():
+        lines += _leaders(group, where, pairs, f"{name}: " if len(groups) > 1 else "")
+    if not lines:
         lines = ["best     none: no estimator gave a result that is ranked"]
-    else:
-        best, fastest, noun = ranked[0], _fastest(ranked), cells[0].noun
-        near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
-        speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
-        beaten, others, basis = beaten_by_best(base, ranked, pairs)
-        doubt = f", {beaten} of {plural(others, 'other')} significantly worse {basis}".rstrip() if others else ""
-        lines = [
-            f"best     {best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}"
-        ]
-        lines.append(
-            f"fastest  {fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
-            f"{number(fastest.error_ratio)} x the smallest error"
-        )
+    ranked = any(r.cells for r in rank(base))
     lines += [f"doubt    {sentence}" for sentence in above_bound(cells)]
     said = failures_of([cell for cell in cells if not cell.mixed])
     for label, places in said.items():
@@ -253,8 +276,26 @@ def closing_lines(scores: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ())
     for label, reason in skips_of_cells(cells).items():
         lines.append(f"skipped  {label}: {reason}")
     if ranked and not any(said.values()):
-        lines.append(f"fails    none: no estimator failed on more than 10 % of the {cells[0].noun}s in any case")
+        lines.append(f"fails    none: no estimator failed on more than 10 % of the {common_noun(cells)}s in any case")
     return lines
+
+
+def _leaders(cells: list[Cell], where: str, pairs: Sequence[Mapping[str, Any]], of: str) -> list[str]:
+    """The lines of the most accurate and of the fastest estimator of one quantity, which `of` names; none without a result."""
+    ranked = [r for r in rank(cells) if r.cells]
+    if not ranked:
+        return []
+    best, fastest, noun = ranked[0], _fastest(ranked), common_noun(cells)
+    near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
+    speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
+    own = [row for row in pairs if row.get("quantity", cells[0].quantity) == cells[0].quantity]
+    beaten, others, basis = beaten_by_best(cells, ranked, own)
+    doubt = f", {beaten} of {plural(others, 'other')} significantly worse {basis}".rstrip() if others else ""
+    return [
+        f"best     {of}{best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}",
+        f"fastest  {of}{fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
+        f"{number(fastest.error_ratio)} x the smallest error",
+    ]
 
 
 def _failure(cell: Cell) -> str:

@@ -39,31 +39,40 @@ _LASER_LINE = (
 _COLUMN = Quantity("column", "px", ("frame", "row", "return"), "column of the line's centre")
 _POINT = Quantity(
     "point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the camera frame", (1e3, "mm"),
-    components=("xyz",),
+    components=("xyz",), noun="point",
 )  # fmt: skip
 _LEVEL_POINT = Quantity(
     "level_point", "m", ("frame", "row", "return", "xyz"), "illuminated point in the gravity frame, y down", (1e3, "mm"),
-    components=("xyz",),
+    components=("xyz",), noun="point",
 )  # fmt: skip
 #: One number for all frames of a capture.
-_SLOPE = Quantity("slope", "1", ("survey",), "slope of the power spectrum, S ~ f^-slope")
-_LEVEL = Quantity("level", "dB", ("survey",), "density of the power spectrum at 10 cycles/m, relative to 1 m³")
+_SLOPE = Quantity("slope", "1", ("survey",), "slope of the power spectrum, S ~ f^-slope", noun="survey")
+_LEVEL = Quantity(
+    "level", "dB", ("survey",), "density of the power spectrum at 10 cycles/m, relative to 1 m³", noun="survey"
+)
 
 #: What a calibration answers (`estimators/laser_line/described.py`).
 _NODE = Quantity(
-    "node", "m", ("lattice", "xyz"), "point of the sheet at a lattice of pixels", (1e3, "mm"), components=("xyz",)
-)
-_FOCAL = Quantity("focal_length", "m", ("survey",), "focal length", (1e3, "mm"), positive=True)
+    "node", "m", ("lattice", "xyz"), "point of the sheet at a lattice of pixels", (1e3, "mm"), components=("xyz",),
+    noun="node",
+)  # fmt: skip
+_FOCAL = Quantity("focal_length", "m", ("survey",), "focal length", (1e3, "mm"), positive=True, noun="survey")
 _PRINCIPAL = Quantity(
-    "principal_point", "px", ("survey", "axis"), "row and column of the optical axis", components=("axis",)
-)
-_STAND_OFF = Quantity("stand_off", "m", ("survey",), "entrance pupil to window", (1e3, "mm"))
+    "principal_point", "px", ("survey", "axis"), "row and column of the optical axis", components=("axis",),
+    noun="survey",
+)  # fmt: skip
+_STAND_OFF = Quantity("stand_off", "m", ("survey",), "entrance pupil to window", (1e3, "mm"), noun="survey")
 _ANGLE = Quantity(
     "plane_angle", "rad", ("survey", "axis"), "elevation and azimuth of the sheet's normal", (1e3, "mrad"),
-    components=("axis",),
+    components=("axis",), noun="survey",
 )  # fmt: skip
 _OFFSET = Quantity(
-    "plane_offset", "m", ("survey",), "distance of the sheet's plane from the entrance pupil", (1e3, "mm")
+    "plane_offset",
+    "m",
+    ("survey",),
+    "distance of the sheet's plane from the entrance pupil",
+    (1e3, "mm"),
+    noun="survey",
 )
 
 LAYOUT = Layout(

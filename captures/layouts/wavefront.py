@@ -31,17 +31,24 @@ _WAVEFRONT = (
     *camera_extras("frame row col"),
 )  # fmt: skip
 
-_SPOT = Quantity("spot", "px", ("frame", "lenslet", "axis"), "position of the spot", components=("axis",))
+_SPOT = Quantity("spot", "px", ("frame", "lenslet", "axis"), "position of the spot", components=("axis",), noun="spot")
 _SLOPE = Quantity(
-    "slope", "rad", ("frame", "lenslet", "axis"), "slope of the wavefront", (1e6, "µrad"), components=("axis",)
+    "slope", "rad", ("frame", "lenslet", "axis"), "slope of the wavefront", (1e6, "µrad"), components=("axis",),
+    noun="lenslet",
+)  # fmt: skip
+_ZERNIKE = Quantity(
+    "zernike", "rad", ("frame", "mode"), "Zernike coefficient, Noll index from 2, unit rms", noun="coefficient"
 )
-_ZERNIKE = Quantity("zernike", "rad", ("frame", "mode"), "Zernike coefficient, Noll index from 2, unit rms")
-_PHASE = Quantity("phase", "rad", ("frame", "pupil_row", "pupil_col"), "phase of the wavefront")
+_PHASE = Quantity("phase", "rad", ("frame", "pupil_row", "pupil_col"), "phase of the wavefront", noun="sample")
 #: A gate is a delay that frames have in common, in ascending order.
-_R0 = Quantity("r0", "m", ("gate",), "Fried parameter of the wavefront at the array", (1e3, "mm"), positive=True)
-_PRESENT = Quantity("present", "1", ("gate",), "probability that there is turbulence")
-_SOURCE = Quantity("source", "m", ("layer",), "range of the strongest layer")
-_IMAGE = Quantity("image", "1", ("frame", "image_row", "image_col"), "chart without blur, 1 where it is white")
+_R0 = Quantity(
+    "r0", "m", ("gate",), "Fried parameter of the wavefront at the array", (1e3, "mm"), positive=True, noun="gate"
+)
+_PRESENT = Quantity("present", "1", ("gate",), "probability that there is turbulence", noun="gate")
+_SOURCE = Quantity("source", "m", ("layer",), "range of the strongest layer", noun="layer")
+_IMAGE = Quantity(
+    "image", "1", ("frame", "image_row", "image_col"), "chart without blur, 1 where it is white", noun="pixel"
+)
 
 LAYOUT = Layout(
     name="wavefront",

@@ -22,6 +22,7 @@ from ..result import stage_result
 from ..rig import DeclaredRig, read_rig
 from .field_search import assigned_spots, spots_in
 from .geometry import Geometry, Spot, declared_geometry, declared_spot
+from .options import in_range
 
 __all__ = [
     "Cells",
@@ -269,6 +270,7 @@ def measured(
     Raises InputError as `check_frames`, for a reference without spots, and for one whose spots do not lie where the rig declares
     them.
     """
+    in_range("least_sigmas", least_sigmas, 0)
     rig, counts, reference = check_frames(capture)
     usable = np.asarray(capture["valid"].values, bool)
 

@@ -11,6 +11,7 @@ import xarray as xr
 
 from ..registry import estimator
 from .cells import Cells, Found, Search, first_guess, measured
+from .options import whole
 
 __all__ = ["spot_correlation", "spot_matched"]
 
@@ -186,4 +187,6 @@ def spot_matched(
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
     """
-    return measured(capture, partial(_matched, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search)
+    return measured(
+        capture, partial(_matched, steps=whole("steps", steps, 1)), least_sigmas=least_sigmas, search=search
+    )

@@ -18,6 +18,7 @@ from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import declared_geometry
 from .modal import pupil_grid
+from .options import in_range, whole
 
 __all__ = ["deblur_tv"]
 
@@ -64,6 +65,8 @@ def deblur_tv(
             "A weight is not negative.", where="weight", value=weight, allowed="above 0, or 0: from the noise"
         )
     white, floor = rig.number("imager.photoelectrons", above=0), rig.number("imager.read_noise_e", least=0)
+    in_range("tolerance", tolerance, 0, above=True)
+    iterations = whole("iterations", iterations, 1)
     seen = np.asarray(capture["image"].values, np.float64) / white
     own = weight or 0.02 * float(np.sqrt(0.5 / white + (floor / white) ** 2))
     image, sigma = np.full(seen.shape, np.nan), np.full(seen.shape, np.nan)

@@ -19,6 +19,7 @@ from scipy.special import ndtr
 
 from ..registry import estimator
 from .cells import Cells, Found, Search, first_guess, measured
+from .options import whole
 
 __all__ = ["joint_positions", "spot_gaussian", "spot_joint", "spot_ml"]
 
@@ -104,7 +105,7 @@ def spot_ml(capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0, 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Light of neighbours in the cell is taken as
     the spot's: its pattern is the reference's, and drops out as far as the spot does not move.
     """
-    return measured(capture, partial(_ml, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search)
+    return measured(capture, partial(_ml, steps=whole("steps", steps, 1)), least_sigmas=least_sigmas, search=search)
 
 
 def _neighbours(cells: Cells) -> npt.NDArray[np.int64]:
@@ -157,7 +158,7 @@ def spot_joint(
     Intensities add: what neighbours' fields do to each other is not in the model. Returns spot, sigma [px], valid (frame, lenslet,
     axis), as `spot-centroid`.
     """
-    method = partial(joint_positions, steps=max(int(steps), 1), rounds=max(int(rounds), 1))
+    method = partial(joint_positions, steps=whole("steps", steps, 1), rounds=whole("rounds", rounds, 1))
     return measured(capture, method, least_sigmas=least_sigmas, search=search)
 
 
@@ -204,4 +205,6 @@ def spot_gaussian(
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`; sigma from the noise of the pixels, not from the
     residuals.
     """
-    return measured(capture, partial(_gaussian_fit, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search)
+    return measured(
+        capture, partial(_gaussian_fit, steps=whole("steps", steps, 1)), least_sigmas=least_sigmas, search=search
+    )

@@ -17,6 +17,7 @@ from ..registry import estimator
 from ..rig import DeclaredRig
 from .cells import Cells, Found, Scale, Search, corner_px, measured, whole_cells
 from .geometry import declared_geometry
+from .options import in_range, whole
 
 __all__ = [
     "spot_brightest", "spot_centroid", "spot_power", "spot_quad", "spot_threshold", "spot_weighted", "spot_window",
@@ -85,6 +86,8 @@ def spot_threshold(
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`.
     """
+    in_range("threshold", threshold, 0, 1)
+    in_range("sigmas", sigmas, 0)
     return measured(
         capture, partial(_above, threshold=threshold, sigmas=sigmas), least_sigmas=least_sigmas, search=search
     )
@@ -108,7 +111,9 @@ def spot_window(
 
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`.
     """
-    return measured(capture, partial(_around_peak, reach=max(int(reach), 1)), least_sigmas=least_sigmas, search=search)
+    return measured(
+        capture, partial(_around_peak, reach=whole("reach", reach, 1)), least_sigmas=least_sigmas, search=search
+    )
 
 
 def _weighted(cells: Cells, width: float, steps: int) -> Found:
@@ -150,7 +155,10 @@ def spot_weighted(
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`. Invalid also where `steps` steps do not settle.
     """
     return measured(
-        capture, partial(_weighted, width=width, steps=max(int(steps), 1)), least_sigmas=least_sigmas, search=search
+        capture,
+        partial(_weighted, width=in_range("width", width, 0, above=True), steps=whole("steps", steps, 1)),
+        least_sigmas=least_sigmas,
+        search=search,
     )
 
 
@@ -170,7 +178,12 @@ def spot_power(
     Free of aliasing where a pixel is at most λf/(αd). Returns spot, sigma [px], valid (frame, lenslet, axis), as
     `spot-centroid`; sigma to first order, which pixels of little light exceed.
     """
-    return measured(capture, partial(_power, alpha=alpha), least_sigmas=least_sigmas, search=search)
+    return measured(
+        capture,
+        partial(_power, alpha=in_range("alpha", alpha, 0, above=True)),
+        least_sigmas=least_sigmas,
+        search=search,
+    )
 
 
 def _brightest(cells: Cells, pixels: int) -> Found:
@@ -198,7 +211,9 @@ def spot_brightest(
     Returns spot, sigma [px], valid (frame, lenslet, axis), as `spot-centroid`; sigma holds that noise
     decides which pixels count.
     """
-    return measured(capture, partial(_brightest, pixels=max(int(pixels), 3)), least_sigmas=least_sigmas, search=search)
+    return measured(
+        capture, partial(_brightest, pixels=whole("pixels", pixels, 3)), least_sigmas=least_sigmas, search=search
+    )
 
 
 def _quad(cells: Cells) -> Found:
