@@ -67,7 +67,9 @@ def test_a_plan_makes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     made = beambench.generate("quickstart", plan=True)
     assert len(made.plan) >= 3 and not made.paths and not list(tmp_path.iterdir())
     stacks = [item for item in made.plan if item["scene"] in ("relief-tank", "object1", "object2")]
-    assert len(stacks) == 3 and all(item["rows"] >= 256 and item["cols"] >= 256 and item["slices"] >= 64 for item in stacks)
+    assert len(stacks) == 3 and all(
+        item["rows"] >= 256 and item["cols"] >= 256 and item["slices"] >= 64 for item in stacks
+    )
 
 
 def test_like_repeats_a_store(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -115,7 +115,7 @@ def test_tiles_of_the_main_quantity_say_nothing_of_another_one() -> None:
         rows += [
             made_up.score_row(
                 modality="wavefront", stage="reconstruction", quantity=name, unit="rad", estimator=estimator, seed=seed,
-                rmse_full=worse * rmse, cpu_s=1e-3 * worse, bound=rmse / 2,
+                rmse=worse * rmse, rmse_full=worse * rmse, cpu_s=1e-3 * worse, bound=rmse / 2,
             )
             for estimator, worse in (("zernike-map", 1.0), ("zernike-ls", 2.0))
             for seed in (0, 1)

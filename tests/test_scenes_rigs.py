@@ -57,11 +57,16 @@ def test_a_resized_scene_has_so_many_elements(name: str) -> None:
         assert rows * cols == (1 if name == "wavefront" else 36) and samples == sizes_of(load_scene(source))[0]
 
 
+def _moving(scenes: list[str]) -> str:
+    """The first scene whose rig may move: one at stations stands still."""
+    return next(source for source in scenes if not getattr(load_scene(source).rig, "stations", None))
+
+
 @pytest.mark.parametrize("name", RIGS)
 def test_every_role_leads_to_a_value_of_a_scene(name: str) -> None:
     for role, where in rig_kind(name).roles.items():
         assert ROLES[role]
-        scene = load_scene(_scenes_of(name)[0], OPTIONS.get(role))
+        scene = load_scene(_moving(_scenes_of(name)), OPTIONS.get(role))
         if isinstance(where, Steps):
             assert _held(scene, where.step) > 0 and _held(scene, where.count) >= where.least
             load_scene(scene, {where.count: where.least})

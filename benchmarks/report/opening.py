@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ...estimators.builtin import BUILTIN
+from ...estimators.labels import split_label
+from ...estimators.listing import modality_read
 from .cell import common_noun
 from .charts import panel_title, panels_of, speed_accuracy_spec
 from .data import Cell, unit_scale
@@ -136,10 +139,12 @@ def _fidelity(folder: Path, cells: list[Cell], name: str) -> dict[str, Any]:
 
 
 def _stress_suite(cells: list[Cell]) -> str:
-    """The suite of stresses in the library that shares most estimators with the run."""
-    labels = {cell.label for cell in cells}
-    shared = {}
+    """The suite of stresses in the library that shares most estimators with the run, and reads captures of its modality."""
+    labels, modality = {cell.label for cell in cells}, cells[0].modality if cells else ""
+    shared: dict[str, tuple[int, bool]] = {}
     for path in sorted(_LIBRARY.glob("stress-*.toml")):
         listed_there = tomllib.loads(path.read_text(encoding="utf-8")).get("estimators", [])
-        shared[path.stem] = len(labels & set(listed_there))
+        known = [label for label in listed_there if split_label(label)[0].partition("+")[0] in BUILTIN]
+        same = bool(known) and modality_read(split_label(known[0])[0]) == modality
+        shared[path.stem] = len(labels & set(listed_there)), same
     return max(shared, key=lambda suite: shared[suite], default="SUITE")
