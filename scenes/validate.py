@@ -123,5 +123,8 @@ def _near_keys(model: type[BaseModel], error: Any) -> str:
             todo.extend(node.values())
         elif isinstance(node, list):
             todo.extend(node)
-    near = difflib.get_close_matches(str(error["loc"][-1]), sorted(known), n=3)
+    key = str(error["loc"][-1])
+    if key in known:
+        return "; this key exists elsewhere in the spec, not in this place"
+    near = difflib.get_close_matches(key, sorted(known), n=3)
     return f"; did you mean {' or '.join(near)}?" if near else ""

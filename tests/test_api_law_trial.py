@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 import beambench
 from beambench.benchmarks.laws import trial as law_trial
 from beambench.benchmarks.laws.check import check_laws, maker_of
 from beambench.benchmarks.laws.suite import laws_for
+from beambench.benchmarks.runner.jail import abi
+from beambench.benchmarks.runner.namespaces import works
 from beambench.scenes.errors import InputError
 
 _MODULE = """
@@ -74,6 +78,33 @@ def test_an_import_that_ends_the_process_is_reported(tmp_path: Path, monkeypatch
     _install(tmp_path, monkeypatch, at_import="sys.exit(0)")
     with pytest.raises(InputError, match="Estimator bad cannot be imported: SystemExit: 0"):
         beambench.estimators_check("bad")
+
+
+@pytest.mark.skipif(not (abi() and works()), reason="no Landlock or no namespaces")
+def test_a_plugin_is_checked_and_listed_in_the_jail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It reads no file of the user and writes none, neither as it is imported nor in a law, and leaves no process behind."""
+    secret = tmp_path / "secret" / "truth.npz"
+    secret.parent.mkdir()
+    secret.write_text("truth")
+    site = tmp_path / "site"
+    site.mkdir()
+    sleeps = f"import time; time.sleep(600) # {tmp_path}"
+    leave = f"import subprocess; subprocess.Popen([sys.executable, '-c', {sleeps!r}], start_new_session=True)"
+    _install(
+        site, monkeypatch, at_import=leave, all_zero=f"open({str(secret)!r})", constant=f"open({str(secret)!r}, 'a')"
+    )
+    found = {result.law: result for result in beambench.estimators_check("bad")}
+    assert "Permission denied" in found["finite or invalid: all zero"].seen
+    assert "Permission denied" in found["finite or invalid: constant"].seen
+    assert found["same answer twice"].holds
+    (site / "trial_plugin.py").write_text(f"open({str(secret)!r})\n")
+    (row,) = [row for row in beambench.estimators_list() if row["name"] == "bad"]
+    assert "Permission denied" in row["error"]
+    time.sleep(0.2)
+    left = [
+        process.pid for process in psutil.process_iter(["cmdline"]) if f"# {tmp_path}" in str(process.info["cmdline"])
+    ]
+    assert not left
 
 
 def test_bad_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -329,3 +329,10 @@ def test_default_folders_do_not_collide(tmp_path: Path, monkeypatch: pytest.Monk
     first = default_folder("x")
     first.mkdir(parents=True)
     assert default_folder("x") != first
+
+
+def test_a_key_in_the_wrong_place_is_not_suggested_again() -> None:
+    data = suite(overrides={"rig.camera.rows": 4})
+    with pytest.raises(InputError, match="exists elsewhere in the spec") as caught:
+        load_suite(data)
+    assert "did you mean" not in str(caught.value)

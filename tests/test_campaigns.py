@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beambench.benchmarks.checks import attempts, flips, fuzz, fuzz_subjects, mutations, traced
+from beambench.benchmarks.checks import attempts, flips, fuzz, fuzz_subjects, interrupted_work, mutations, traced
+from beambench.benchmarks.suites.suite import load_suite
 from beambench.scenes.errors import InputError
 
 
@@ -61,6 +62,19 @@ def test_the_table_counts_what_failed(capsys: pytest.CaptureFixture[str]) -> Non
     told = capsys.readouterr().out
     assert "| a part | 2 | 1 | 1 | 1 read |" in told and "for a reason" in told
     assert attempts.shares(10, 3) == [4, 3, 3]
+
+
+def test_the_suite_that_is_interrupted_is_one_and_its_result_is_of_no_times(tmp_path: Path) -> None:
+    interrupted_work._suite(tmp_path)
+    assert load_suite(tmp_path / "suite.json").suite.scenes[0].overrides["rig.camera.rows"] == 4
+    results = []
+    for cpu_s, rmse in (("1.0", "0.5"), ("2.0", "0.5"), ("1.0", "0.25")):
+        for name in ("accuracy.csv", "inputs.csv", "profiles.csv"):
+            (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+            (tmp_path / "out" / name).write_text(name)
+        (tmp_path / "out" / "scores.csv").write_text(f"seed,rmse,cpu_s\n1,{rmse},{cpu_s}\n")
+        results.append(interrupted_work._scored_rows(tmp_path))
+    assert results[0] == results[1] != results[2]
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from beambench.captures import CaptureWriter, compare_captures, open_captures, v
 from beambench.captures.example import example_capture
 from beambench.captures.layouts import LAYOUTS
 from beambench.captures.store.arrays import CHUNK_BYTES, chunk_keys, chunk_shape
+from beambench.captures.store.layout import size_problem
 from beambench.captures.store.status import status
 from beambench.scenes.errors import InputError
 
@@ -122,6 +123,35 @@ def test_a_stack_of_several_chunks_round_trips(tmp_path: Path) -> None:
     path = write(tmp_path / "store", capture)
     assert len([f for f in os.listdir(path / "counts") if f.startswith("c.")]) == 2
     identical(capture, open_captures(path)[0])
+
+
+def test_large_captures_of_single_photons_are_readable_and_bombs_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nearly all zero, packed to less than 1/500: sound. The same bytes packed as the writer never packs them: refused."""
+    from numcodecs import Blosc
+
+    monkeypatch.setattr("beambench.captures.store.layout.LARGE_BYTES", 2**24)
+    capture = example_capture("gated", sizes={"slice": 64, "row": 512, "col": 512}, optional=False)
+    for name in capture.data_vars:
+        capture[name] = capture[name].copy(data=np.full_like(capture[name].values, 1))
+    path = write(tmp_path / "store", capture)
+    packed = sum(file.stat().st_size for file in path.rglob("c.*"))
+    assert packed < capture.nbytes / 500
+    identical(capture, open_captures(path)[0])
+    bomb = Blosc(cname="zstd", clevel=9, shuffle=1).encode(bytes(2**23))
+    assert len(bomb) < 2**23 / 2000 and "unpacks to" in size_problem(
+        {"counts": {"dtype": "uint16", "shape": [64, 128, 512]}, "more": {"dtype": "uint8", "shape": [2**24]}},
+        {"counts": {"c.0.0.0.0": (len(bomb), "")}, "more": {"c.0.0": (len(bomb), ""), "c.0.1": (len(bomb), "")}},
+    )
+
+
+def test_a_capture_beyond_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "store", example_capture("gated"))
+    monkeypatch.setattr("beambench.captures.store.reader.LARGE_BYTES", 100)
+    monkeypatch.setattr("beambench.captures.store.reader.free_bytes", lambda: 1000)
+    with pytest.raises(InputError, match="more than the free memory"):
+        open_captures(path)[0]
 
 
 def test_captures_of_one_store_have_one_layout(tmp_path: Path) -> None:

@@ -223,7 +223,7 @@ def test_a_list_outlives_plugins_that_hang_or_end_the_process(tmp_path: Path, mo
     points = "".join(f"{name.replace('_', '-')} = {name}:answer\n" for name in modules)
     (info / "entry_points.txt").write_text(f"[beambench.estimators]\n{points}")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr("beambench.estimators.listing.PLUGIN_IMPORT_S", 15.0)
+    monkeypatch.setattr("beambench.benchmarks.runner.confined.PLUGIN_IMPORT_S", 15.0)
     rows = {row["name"]: row for row in beambench.estimators_list()}
     assert "did not end within 15 s" in rows["listed-hangs"]["error"]
     assert "exit code 7" in rows["listed-ends"]["error"]

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -45,6 +46,28 @@ def test_what_a_killed_owner_left_is_removed_by_the_next(temporary: Path) -> Non
     with scratch_folder("truth") as folder:
         assert sorted(temporary.iterdir()) == [folder]
     assert list(temporary.iterdir()) == []
+
+
+@pytest.mark.parametrize("call", ["mkdir", "rmdir"])
+def test_a_signal_as_the_folder_is_made_or_removed_leaves_nothing(
+    call: str, temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder that is left without its lock would stay for good: one of 30 runs ended by SIGTERM left one."""
+    real, hit = getattr(os, call), []
+
+    def interrupted(path: Any, *more: Any, **named: Any) -> None:
+        if hit:
+            real(path, *more, **named)
+            return
+        hit.append(path)
+        if call == "mkdir":
+            real(path, *more, **named)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, call, interrupted)
+    with pytest.raises(KeyboardInterrupt), scratch_folder("run"):
+        pass
+    assert hit and list(temporary.iterdir()) == []
 
 
 def test_folders_of_others_are_not_swept(temporary: Path, tmp_path: Path) -> None:

@@ -17,15 +17,16 @@ __all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_
 def estimators_list() -> list[dict[str, Any]]:
     """List the installed estimators, with their parameters and sources.
 
-    Plug-ins are included. Each plug-in is imported in a process of its own, for at most 30 s; one that cannot be imported
-    is listed with the reason.
+    Plug-ins are included. Each is imported in a process of its own, in the jail of a run, for at most 30 s; one that cannot be
+    imported is listed with the reason.
 
     Returns:
         One record per estimator: name, modality, parameters with defaults, cites, origin, summary, error.
     """
+    from ..benchmarks.runner.confined import plugin_row
     from ..estimators.listing import listed
 
-    return listed()
+    return listed(plugin_row)
 
 
 def estimators_check(estimator: str) -> list[LawResult]:
@@ -33,8 +34,8 @@ def estimators_check(estimator: str) -> list[LawResult]:
 
     On a small synthetic capture: it answers, repeats itself, does not change its input, follows a shift of the delays and a
     change of the gain, does not depend on the order of pixels, and returns finite or invalid results near every singularity.
-    A plug-in is tried in a process of its own: if it ends that process, or takes longer than 120 s for a law, it breaks
-    that law.
+    A plug-in is tried in a process of its own, in the jail of a run: if it ends that process, or takes longer than 120 s for a
+    law, it breaks that law.
 
     Main arguments:
         estimator: The estimator, as name or name[key=value,...].

@@ -14,19 +14,26 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
+from ...scenes import spec_files
 from ...scenes.errors import InputError
+from ..runner.confined import ENTER, Confined, confined
+from ..runner.estimator_labels import check_estimators
+from ..runner.patience import Patience
 from .suite import LawResult
 
 __all__ = ["LAW_LIMIT_S", "try_laws"]
 
-#: Longest time to wait for one law, or for the import before the laws [s]; a first call may compile.
+#: Longest time for one law, or for the import before the laws, without the wait for a processor [s]; a first call may compile.
 LAW_LIMIT_S = 120.0
 
-_CHILD = "import sys; from beambench.benchmarks.laws.trial import _serve; _serve(sys.argv[1], sys.argv[2:-1], int(sys.argv[-1]))"
+_CHILD = (
+    ENTER + "import sys; enter(int(sys.argv[-1])); from beambench.benchmarks.laws.trial import _serve; "
+    "_serve(sys.argv[1], sys.argv[2:-1], int(sys.argv[-1]))"
+)
 
 
 def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
@@ -38,11 +45,19 @@ def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
     Raises:
         InputError: no such estimator or parameter, a stage without laws, or an import that fails or never ends.
     """
+    (chosen,) = check_estimators([label])  # names the files of its parameters, which the jail lets it read
+    # Laws are tried on public scenes, which hide nothing.
+    library = Path(spec_files.__file__).parent / "library"
+    with confined(chosen.label, read=[library]) as place:
+        return _tried(chosen.label, limit_s, place)
+
+
+def _tried(label: str, limit_s: float, place: Confined) -> list[LawResult]:
     results: dict[str, LawResult] = {}
     names: list[str] = []
     while True:
         begun, end = "", _End()
-        for event in _events(label, list(results), limit_s, end):
+        for event in _events(label, list(results), limit_s, end, place):
             if "refused" in event:
                 raise InputError(**event["refused"])
             if "laws" in event:
@@ -78,29 +93,32 @@ class _End:
         self.why, self.late = "", False
 
 
-def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Iterator[dict[str, Any]]:
+def _events(label: str, done: Sequence[str], limit_s: float, end: _End, place: Confined) -> Iterator[dict[str, Any]]:
     """The events that a child writes, until it ends or writes nothing for `limit_s`; `end` then holds the reason."""
     read, write = os.pipe()
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     try:
         process = subprocess.Popen(
-            [sys.executable, "-c", _CHILD, label, *done, str(write)],
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-P", "-c", _CHILD, label, *done, str(write)],
+            stdin=subprocess.PIPE,
             stdout=2 if sys.stderr else subprocess.DEVNULL,
             pass_fds=(write,),
             start_new_session=True,
-            env=environment,
+            env=place.environment,
         )
     except BaseException:
         os.close(read)
         raise
     finally:
         os.close(write)
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError), process.stdin:
+        process.stdin.write(place.rules)
     try:
-        buffer, until = b"", time.monotonic() + limit_s
+        buffer, patience = b"", Patience(process.pid, limit_s)
         while True:
-            ready, _, _ = select.select([read], [], [], max(until - time.monotonic(), 0.0))
-            if not ready:
+            if not select.select([read], [], [], 0.2)[0]:
+                if not patience.over():
+                    continue
                 end.why, end.late = f"It did not end within {limit_s:g} s.", True
                 return
             data = os.read(read, 1 << 16)
@@ -109,7 +127,7 @@ def _events(label: str, done: Sequence[str], limit_s: float, end: _End) -> Itera
             *lines, buffer = (buffer + data).split(b"\n")
             for line in lines:
                 yield json.loads(line)
-                until = time.monotonic() + limit_s
+                patience = Patience(process.pid, limit_s)
         try:
             code = process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import secrets
 import shutil
 import stat
 import tempfile
@@ -30,8 +31,13 @@ def scratch_folder(kind: str) -> Iterator[Path]:
     What owners that have ended left behind is removed first.
     """
     sweep()
-    folder = Path(tempfile.mkdtemp(prefix=f"beambench-{kind}-"))
+    # The name is known before the folder is made: a signal in between would leave it behind, without a lock and so for good.
+    folder = Path(tempfile.gettempdir()) / f"beambench-{kind}-{secrets.token_hex(4)}"
     try:
+        try:
+            os.mkdir(folder, 0o700)
+        except FileExistsError:
+            folder = Path(tempfile.mkdtemp(prefix=f"beambench-{kind}-"))
         handle = os.open(folder / f"{LOCK}.new", os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
         try:
             with suppress(OSError):  # some file systems have no locks: then nothing is swept either
@@ -41,7 +47,11 @@ def scratch_folder(kind: str) -> Iterator[Path]:
         finally:
             os.close(handle)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        except BaseException:  # a signal, which passes on when the rest is removed
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
 
 def sweep() -> list[Path]:

@@ -12,6 +12,7 @@ from ...scenes.load import load_scene
 from ...scenes.rigs import rig_kind
 from ...scenes.scene import Scene
 from ..judges import judge_of
+from ..runner.confined import plugin_row
 from ..runner.estimator_labels import Chosen, check_estimators
 
 __all__ = ["Plan", "plan_break"]
@@ -74,7 +75,7 @@ def plan_break(
             value=(budget, factor, side),
             allowed="budget 1 … 100000, factor over 1, side 2 … 1024",
         )
-    scenes = tuple(scenes or judge_of(modality_read(target.name)).scenes)
+    scenes = tuple(scenes or judge_of(modality_read(target.name, plugin_row)).scenes)
     modalities = {load_scene(scene).modality for scene in scenes}
     if len(modalities) != 1:
         raise InputError(

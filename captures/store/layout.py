@@ -16,7 +16,15 @@ import numpy as np
 from .arrays import Structure, chunk_shape
 from .manifest import Mark
 
-__all__ = ["array_problem", "attributes_problem", "group_structure", "size_problem", "structure_problem"]
+__all__ = [
+    "LARGE_BYTES",
+    "array_problem",
+    "attributes_problem",
+    "free_bytes",
+    "group_structure",
+    "size_problem",
+    "structure_problem",
+]
 
 #: Numbers and flags that a store holds.
 _TYPES = {
@@ -25,8 +33,9 @@ _TYPES = {
 }  # fmt: skip
 #: Most bytes of one capture's arrays: more than any memory that a capture is made in.
 _MOST_BYTES = 2**36
-#: A capture of more bytes than this must fill at least this share of them on disk: noise cannot be packed further.
-_LARGE_BYTES, _LEAST_SHARE = 2**31, 1 / 200
+#: A capture of more bytes than this must fill at least this share of them on disk. Counts that are all zero, as nearly are those
+#: of single photons, are packed to 1/1211 by the writer of this package: blosc packs blocks apart, and each has a header.
+LARGE_BYTES, _LEAST_SHARE = 2**31, 1 / 2000
 _CODECS = ["bytes", "blosc", "crc32c"]
 
 
@@ -107,10 +116,17 @@ def array_problem(array: Mapping[str, Any], entry: Mapping[str, Any], count: int
     return "" if names == _CODECS else f"its codecs are {str(names)[:120]}, not {_CODECS}"
 
 
+def free_bytes() -> int:
+    """Memory that can be had without swapping, bytes."""
+    import psutil
+
+    return int(psutil.virtual_memory().available)
+
+
 def size_problem(structure: Structure, chunks: Mapping[str, Mapping[str, Mark]]) -> str:
     """Why the captures unpack to far more than their files hold, "" if they do not."""
     total = sum(np.dtype(entry["dtype"]).itemsize * math.prod(entry["shape"]) for entry in structure.values())
-    if total <= _LARGE_BYTES:
+    if total <= LARGE_BYTES:
         return ""
     stored: dict[str, int] = {}
     for marks in chunks.values():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 from collections.abc import Iterable, Iterator
@@ -14,7 +15,7 @@ from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
 from ..validate import validate
 from .arrays import Structure, chunk_bytes, decode_attributes, open_arrays
-from .layout import array_problem, attributes_problem, group_structure, size_problem
+from .layout import LARGE_BYTES, array_problem, attributes_problem, free_bytes, group_structure, size_problem
 from .manifest import (
     ASK_FOR_RIGHTS,
     UNREADABLE,
@@ -185,7 +186,7 @@ class CaptureSet:
             index: 0 … len − 1, or negative from the end.
             names: the variables to read; all if None.
 
-        Raises CaptureIndexError for the index; InputError for an unknown name, a missing or damaged chunk.
+        Raises CaptureIndexError for the index; InputError for an unknown name, a missing or damaged chunk, or too little memory.
         """
         import xarray as xr
 
@@ -199,6 +200,7 @@ class CaptureSet:
                     value=name,
                     allowed=", ".join(self.variables),
                 )
+        self._check_memory(wanted)
         self._check_marks(number, frozenset(wanted))
         data: dict[str, xr.Variable] = {}
         coords: dict[str, xr.Variable] = {}
@@ -222,6 +224,15 @@ class CaptureSet:
                 "There is no capture of this index.", where=str(self.path), value=number, allowed=f"0 … {len(self) - 1}"
             )
         return number % len(self)
+
+    def _check_memory(self, wanted: Iterable[str]) -> None:
+        size = sum(self.arrays[name].dtype.itemsize * math.prod(self.arrays[name].shape[1:]) for name in wanted)
+        if size > LARGE_BYTES and size > (free := free_bytes()):
+            raise InputError(
+                "A capture needs more than the free memory of this machine.",
+                where=str(self.path), value=f"{size:,} bytes", allowed=f"{free:,} bytes",
+                next_step="read some of its variables only (`load(i, names)`), or on a larger machine",
+            )  # fmt: skip
 
     def _check_marks(self, number: int, wanted: frozenset[str]) -> None:
         # A chunk of another store or capture has a valid checksum of its own, and so has one that was forged: the marks differ.
