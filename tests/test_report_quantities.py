@@ -51,6 +51,14 @@ def _printed(table: pd.DataFrame, capsys: pytest.CaptureFixture[str]) -> list[li
     return [line.split() for line in capsys.readouterr().out.splitlines()]
 
 
+def test_score_prints_each_error_beside_its_own_unit(capsys: pytest.CaptureFixture[str]) -> None:
+    """Points of .024 mm stood under "px", a thousand times too small."""
+    lines = _printed(_chain(), capsys)
+    heads = [line for line in lines if "RMSE," in line]
+    assert [head[head.index("RMSE,") + 1] for head in heads] == ["px", "mm"]
+    assert "0.00310" in lines[lines.index(heads[0]) + 1] and "0.0240" in lines[lines.index(heads[1]) + 1]
+
+
 def test_score_of_one_quantity_has_its_unit_in_the_heading(capsys: pytest.CaptureFixture[str]) -> None:
     head, row, *_ = _printed(_chain().iloc[1:].copy(), capsys)
     assert head[2:4] == ["RMSE,", "mm"] and "0.0240" in row and "mm" not in row

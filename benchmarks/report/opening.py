@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ...estimators.builtin import BUILTIN
-from ...estimators.labels import split_label
-from ...estimators.listing import modality_read
+from ...estimators.labels import links_of, split_label
+from ...estimators.registry import get_estimator
 from .cell import common_noun
 from .charts import panel_title, panels_of, speed_accuracy_spec
 from .data import Cell, unit_scale
@@ -144,7 +144,7 @@ def _stress_suite(cells: list[Cell]) -> str:
     shared: dict[str, tuple[int, bool]] = {}
     for path in sorted(_LIBRARY.glob("stress-*.toml")):
         listed_there = tomllib.loads(path.read_text(encoding="utf-8")).get("estimators", [])
-        known = [label for label in listed_there if split_label(label)[0].partition("+")[0] in BUILTIN]
-        same = bool(known) and modality_read(split_label(known[0])[0]) == modality
+        known = [first for label in listed_there if (first := links_of(split_label(label)[0])[0]) in BUILTIN]
+        same = bool(known) and get_estimator(known[0]).modality == modality
         shared[path.stem] = len(labels & set(listed_there)), same
     return max(shared, key=lambda suite: shared[suite], default="SUITE")
