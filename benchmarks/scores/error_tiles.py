@@ -2,7 +2,7 @@
 
 The estimators of a run read the same pixels with the same noise, so that the difficulty of a tile is the same for all. For
 unchanged scenes the file holds the sum over each tile of the squared errors of its unmixed elements. An invalid element has
-the error of a random guess within the window: √(Σ sums/Σ counts) is `rmse_full`.
+the error of a guess (`scores.truth.refusal_error`): √(Σ sums/Σ counts) is `rmse_full`.
 """
 
 from __future__ import annotations
