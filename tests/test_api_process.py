@@ -140,6 +140,7 @@ def test_a_url_as_python_argument_is_refused(tmp_path: Path, monkeypatch: pytest
 ENDED = """
 import os, signal, sys
 from beambench import cli
+signal.signal(int(sys.argv[1]), signal.SIG_DFL)  # a process in the background, as this test may be, is born deaf to it
 def command(tokens):
     # As the import of a module that defines a dataclass does, which `exec`s the text of its methods.
     exec("os.kill(os.getpid(), int(sys.argv[1]))\\nfor _ in range(10**7): pass")
