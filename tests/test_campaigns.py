@@ -80,7 +80,7 @@ def test_the_suite_that_is_interrupted_is_one_and_its_result_is_of_no_times(tmp_
 @pytest.mark.slow
 @pytest.mark.skipif(bool(traced.available()), reason=traced.available() or "strace works")
 @pytest.mark.parametrize("kind", ["kills", "faults"])
-def test_commands_that_are_stopped_are_finished(kind: str) -> None:
+def test_commands_that_are_stopped_are_finished(kind: str, long_run: None) -> None:
     import subprocess
     import sys
 

@@ -64,7 +64,7 @@ def _run(folder: Path, *command: str, path: str = "") -> subprocess.CompletedPro
 
 
 @pytest.mark.slow
-def test_it_works_as_the_guide_says(example: Path, tmp_path: Path) -> None:
+def test_it_works_as_the_guide_says(example: Path, tmp_path: Path, long_run: None) -> None:
     """First baseline; no change passes, also in speed; twice the work and a worse estimator are red."""
     if shutil.which("git") is None or importlib.util.find_spec("setuptools") is None:
         pytest.skip("git and setuptools build the reference")

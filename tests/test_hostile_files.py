@@ -22,5 +22,5 @@ def test_a_hostile_file_is_bad_input(name: str, tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.slow
-def test_all_of_them_in_processes_of_their_own() -> None:
+def test_all_of_them_in_processes_of_their_own(long_run: None) -> None:
     assert hostile.main([]) == 0
