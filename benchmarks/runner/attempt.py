@@ -111,9 +111,10 @@ class _Calls:
         outcome.arrays = first[0]
         if not self.job.timed:
             return outcome
-        alter = fresh(layout_of(self.job.modality).data)
+        data = layout_of(self.job.modality).data
         while self._again() and outcome.status == "ok":
-            arrays, wrong = self._call(self.answer.with_name(self.answer.name + "-again"), alter)
+            # New noise for every call: a second call with the same would be answered from memory.
+            arrays, wrong = self._call(self.answer.with_name(self.answer.name + "-again"), fresh(data))
             if not wrong and stale(outcome.arrays, arrays):
                 outcome.status, outcome.arrays = f"invalid: {STALE}", {}
         middle = (len(self.wall) - 1) // 2
