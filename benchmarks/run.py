@@ -210,7 +210,7 @@ class _Run:
             self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
         )
         entry = spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
-        self.inputs += input_rows(cell, {name: content_id(entry.folder, name) for name in self.suite.conditions})
+        self.inputs += input_rows(cell, {name: content_id(entry.sums, name) for name in self.suite.conditions})
         return entry
 
     def _store(self, cell: Cell) -> Path:

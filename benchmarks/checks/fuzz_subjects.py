@@ -74,22 +74,27 @@ def _read_store(folder: Path) -> None:
     from ...captures import open_captures, repair, verify
     from ...captures.contents import contents
     from ...captures.store.status import status
+
+    store = folder / "s.zarr"
+    _all_tried(
+        lambda: [capture.load() for capture in open_captures(store)],
+        lambda: contents(store),
+        lambda: status(store),
+        lambda: verify(store),
+        lambda: repair(store),
+    )
+
+
+def _all_tried(*readings: Callable[[], object]) -> None:
+    """Carry out every reading, whatever those before it refused. Raises the first InputError."""
     from ...scenes.errors import InputError
 
     refused: list[InputError] = []
-
-    def attempt(work: Callable[[], object]) -> None:
+    for reading in readings:
         try:
-            work()
+            reading()
         except InputError as error:
             refused.append(error)
-
-    store = folder / "s.zarr"
-    attempt(lambda: [capture.load() for capture in open_captures(store)])
-    attempt(lambda: contents(store))
-    attempt(lambda: status(store))
-    attempt(lambda: verify(store))
-    attempt(lambda: repair(store))
     if refused:
         raise refused[0]
 
@@ -203,7 +208,6 @@ def _read_journal(folder: Path) -> None:
 
 
 def _read_results(folder: Path) -> None:
-    from ...scenes.errors import InputError
     from ..folders.journal import Journal
     from ..folders.kinds import verb_in
     from ..report.compare import compare_tables
@@ -213,24 +217,16 @@ def _read_results(folder: Path) -> None:
     from ..scores.tables import read_scores
 
     verb_in(folder)
-    refused: list[InputError] = []
-
-    def attempt(work: Callable[[], object]) -> None:
-        try:
-            work()
-        except InputError as error:
-            refused.append(error)
-
-    attempt(lambda: Journal.check(folder, "h", verb="run"))
-    attempt(lambda: Journal(folder, "h", verb="run"))
-    attempt(lambda: read_run(folder))
-    attempt(lambda: cells_of(read_scores(folder / "scores.csv")))
-    attempt(lambda: cells_of(read_scores(folder / "scores.parquet")))
-    attempt(lambda: compare_tables(folder, folder))
-    attempt(lambda: read_tiles(folder))
-    attempt(lambda: read_pictures(folder / "pictures"))
-    if refused:
-        raise refused[0]
+    _all_tried(
+        lambda: Journal.check(folder, "h", verb="run"),
+        lambda: Journal(folder, "h", verb="run"),
+        lambda: read_run(folder),
+        lambda: cells_of(read_scores(folder / "scores.csv")),
+        lambda: cells_of(read_scores(folder / "scores.parquet")),
+        lambda: compare_tables(folder, folder),
+        lambda: read_tiles(folder),
+        lambda: read_pictures(folder / "pictures"),
+    )
 
 
 def _cache(folder: Path) -> None:

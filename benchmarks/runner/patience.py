@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import time
 
+from .tree import descendants
+
 __all__ = ["Patience", "waited_s"]
 
 #: The limit is at most this many times as long in plain wall time.
@@ -45,7 +47,7 @@ def waited_s(pid: int) -> dict[int, float]:
     From /proc/PID/task/TID/schedstat (Linux, Documentation/scheduler/sched-stats.rst); empty where the kernel has none.
     """
     found: dict[int, float] = {}
-    for process in (pid, *_descendants(pid)):
+    for process in (pid, *descendants(pid)):
         try:
             threads = os.listdir(f"/proc/{process}/task")
         except OSError:
@@ -57,12 +59,3 @@ def waited_s(pid: int) -> dict[int, float]:
             except (OSError, ValueError, IndexError):
                 continue
     return found
-
-
-def _descendants(pid: int) -> list[int]:
-    import psutil
-
-    try:
-        return [child.pid for child in psutil.Process(pid).children(recursive=True)]
-    except psutil.Error:
-        return []

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ...scenes.npz import read_npy
 from ...scenes.plain_text import plain_text
 
 __all__ = [
-    "THREAD_VARIABLES", "content_id", "file_sums", "files_of", "misshapen", "read_results", "unsound", "write_capture",
+    "THREAD_VARIABLES", "content_id", "file_sums", "misshapen", "read_results", "unsound", "write_capture",
     "write_meta",
 ]  # fmt: skip
 
@@ -85,17 +86,15 @@ def file_sums(folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
 
 
-def files_of(folder: Path, condition: str) -> list[Path]:
-    """The files of a capture that an estimator reads under one condition."""
-    return [*sorted(folder.glob("*.npy")), folder / f"meta-{condition}.json"]
+def content_id(sums: Mapping[str, str], condition: str) -> str:
+    """SHA-256, in hex, of all that an estimator reads of a capture under one condition: arrays, coordinates, declared rig.
 
-
-def content_id(folder: Path, condition: str) -> str:
-    """SHA-256, in hex, of all that an estimator reads of a capture under one condition: arrays, coordinates, declared rig."""
+    `sums`: of the capture's files, as of `file_sums`.
+    """
     digest = hashlib.sha256()
-    for path in files_of(folder, condition):
-        shown = "meta" if path.suffix == ".json" else path.name
-        digest.update(shown.encode() + hashlib.sha256(path.read_bytes()).digest())
+    for name in sorted(name for name in sums if name.endswith(".npy")):
+        digest.update(name.encode() + bytes.fromhex(sums[name]))
+    digest.update(b"meta" + bytes.fromhex(sums[f"meta-{condition}.json"]))
     return digest.hexdigest()
 
 

@@ -26,7 +26,7 @@ from ...scenes.errors import InputError
 from ...scenes.npz import read_npz
 from ..folders.record import machine, versions
 from .estimator_labels import Chosen
-from .protocol import content_id, misshapen, unsound
+from .protocol import content_id, file_sums, misshapen, unsound
 from .session import Job, Outcome
 
 __all__ = ["ResultCache", "cache_root", "source_of"]
@@ -130,7 +130,7 @@ class ResultCache:
     def _capture(self, job: Job) -> str:
         place = (job.folder, job.condition)
         if place not in self._captures:
-            self._captures[place] = content_id(*place)
+            self._captures[place] = content_id(file_sums(job.folder), job.condition)
         return self._captures[place]
 
     def get(self, job: Job, chosen: Chosen) -> Outcome | None:
