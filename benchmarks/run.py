@@ -101,7 +101,7 @@ def run_suite(
 
     with workplace(folder, RUN, resume=resume, overwrite=overwrite, check=check) as work:
         journal = Journal(work, loaded.hash, **settings)
-        run = _Run(loaded, chosen, work, journal, progress, len(cells), ResultCache() if cache else None)
+        run = _Run(loaded, chosen, work, journal, progress, cells, ResultCache() if cache else None)
         result = _run_in(
             work, run, cells, settings | {"overrides": dict(overrides or {}), "command": command or []}, report
         )
@@ -173,7 +173,7 @@ class _Run:
         folder: Path,
         journal: Journal,
         progress: Progress,
-        captures: int,
+        cells: list[Cell],
         cache: ResultCache | None = None,
     ) -> None:
         self.cache = cache
@@ -190,7 +190,16 @@ class _Run:
         self.warnings: list[str] = []
         self.failures: list[dict[str, str]] = []
         self.stages = dict.fromkeys(("generate", "store", "bound", "calibrate", "estimate"), 0.0)
-        self.total = captures * len(self.suite.conditions) * len(chosen)
+        #: The estimators that read a scene, by its name.
+        self._readers = {
+            name: frozenset(
+                one.label
+                for one, label in zip(chosen, self.suite.estimators, strict=True)
+                if loaded.reads(label, name)
+            )
+            for name, _ in loaded.scenes
+        }
+        self.total = len(self.suite.conditions) * sum(len(self._readers[cell.scene_name]) for cell in cells)
         self.done = 0
         self._calibrations: Calibrations | None = None
 
@@ -277,6 +286,8 @@ class _Run:
         """The captures that an estimator still has to read. Results in the journal or the cache become rows at once."""
         jobs: list[Job] = []
         for entry in batch:
+            if chosen.label not in self._readers[entry.cell.scene_name]:
+                continue
             key = self._journal_key(entry, condition, chosen)
             finished = self.journal.done.get(key)
             if finished is not None:

@@ -45,7 +45,7 @@ def is_suite(source: Any) -> bool:
         return False
     path = Path(source).expanduser()
     if path.suffix in {".toml", ".json"} and path.is_file():
-        return "scenes" in read_spec_file(path)
+        return bool({"scenes", "parts"} & set(read_spec_file(path)))
     return str(source) in list_suites() and str(source) not in list_scenes()
 
 

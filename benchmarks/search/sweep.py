@@ -115,7 +115,7 @@ def _check_levels(loaded: Loaded, split: Split) -> None:
         check_levels(stress.values, stress.axis)
         if stress.axis2 is not None:
             check_levels(stress.values2, stress.axis2)
-        for _, scene in loaded.scenes:
+        for _, scene in loaded.under(stress):
             for level in stress.values:
                 stressed(scene, [(stress.axis, level)])
             for level in stress.values2 if stress.axis2 is not None else ():
@@ -175,6 +175,8 @@ class _Sweep:
         self.journal: Journal
         self.loaded, self.all, self.progress = loaded, chosen, progress
         self.chosen = chosen
+        #: The labels as the suite writes them, by those with sorted keys.
+        self._written = {one.label: label for one, label in zip(chosen, loaded.suite.estimators, strict=True)}
         self.budget, self.depth = budget, depth
         self.seeds: tuple[int, ...] = getattr(loaded.suite.seeds, split)
         if not self.seeds:
@@ -213,31 +215,37 @@ class _Sweep:
         for number, (name, scene) in enumerate(self.loaded.scenes):
             self.progress("as written", number, len(self.loaded.scenes), name)
             rows: dict[str, list[dict[str, Any]]] = {}
-            for one in self.chosen:
+            readers = [one for one in self.chosen if self._reads(one, name)]
+            for one in readers:
                 if (kept := self.journal.done.get(self._journal_key(one.label, "as written", name))) is not None:
                     rows[one.label] = kept
-            wanted = [one.label for one in self.chosen if one.label not in rows]
+            wanted = [one.label for one in readers if one.label not in rows]
             answers = self.bench.answer(self._cells(name, scene, None, ()), wanted, timed=True) if wanted else []
             for label in wanted:
                 rows[label] = [row for found in answers for row in found[label].rows]
                 self.journal.add(self._journal_key(label, "as written", name), rows[label])
-            for one in self.chosen:
+            for one in readers:
                 self.scores += rows[one.label]
                 if any(not not_applicable(row["status"]) for row in rows[one.label]):
                     apply.add(one.label)
         self.chosen = [one for one in self.chosen if one.label in apply]
         self.progress("as written", len(self.loaded.scenes), len(self.loaded.scenes), "")
 
+    def _reads(self, one: Chosen, name: str) -> bool:
+        return self.loaded.reads(self._written[one.label], name)
+
     def along(self, stress: Stress) -> None:
         """Measure the failure map of every estimator along one stress."""
+        under = self.loaded.under(stress)
+        chosen = [one for one in self.chosen if any(self._reads(one, name) for name, _ in under)]
         store: dict[tuple[str, Point], list[Trial]] = {}
         first: list[Point] = [(x, y) for x in stress.values for y in stress.values2]
         first = first or [(x,) for x in stress.values]
         for number, point in enumerate(first):  # all estimators read a capture while it is on disk
             self.progress(stress.axis, number, len(first), f"level {point[0]:g}")
-            self._measure(store, stress, point, [one.label for one in self.chosen])
-        for number, one in enumerate(self.chosen):
-            self.progress(f"{stress.axis} edge", number, len(self.chosen), one.label)
+            self._measure(store, stress, point, [one.label for one in chosen])
+        for number, one in enumerate(chosen):
+            self.progress(f"{stress.axis} edge", number, len(chosen), one.label)
 
             def evaluate(points: Sequence[Point], label: str = one.label) -> dict[Point, list[Trial]]:
                 for point in points:
@@ -246,20 +254,24 @@ class _Sweep:
 
             if stress.axis2 is None:
                 found = refine_axis(
-                    evaluate, stress.values, budget=self.budget, axis=stress.axis, whole=self._whole(stress.axis)
+                    evaluate,
+                    stress.values,
+                    budget=self.budget,
+                    axis=stress.axis,
+                    whole=self._whole(stress, stress.axis),
                 )
                 self.rows.append(self._row(stress, one, found))
             else:
                 found = refine_grid(
                     evaluate, stress.values, stress.values2, depth=self.depth, axis=stress.axis, axis2=stress.axis2,
-                    whole=(self._whole(stress.axis), self._whole(stress.axis2)),
+                    whole=(self._whole(stress, stress.axis), self._whole(stress, stress.axis2)),
                 )  # fmt: skip
                 self.cells[curve_name(one.label, self.bench.condition), stress.axis, stress.axis2] = found.cells
             self.maps += map_rows(self._key(stress, one), found)
-        self.progress(f"{stress.axis} edge", len(self.chosen), len(self.chosen), "")
+        self.progress(f"{stress.axis} edge", len(chosen), len(chosen), "")
 
-    def _whole(self, axis: str) -> bool:
-        return any(takes_whole_numbers(scene, axis) for _, scene in self.loaded.scenes)
+    def _whole(self, stress: Stress, axis: str) -> bool:
+        return any(takes_whole_numbers(scene, axis) for _, scene in self.loaded.under(stress))
 
     def _measure(
         self, store: dict[tuple[str, Point], list[Trial]], stress: Stress, point: Point, labels: Sequence[str]
@@ -275,9 +287,10 @@ class _Sweep:
         rows: dict[str, list[dict[str, Any]]] = {label: [] for label in wanted}
         for label in wanted:
             store[label, point] = []
-        for name, scene in self.loaded.scenes:
-            answers = self.bench.answer(self._cells(name, scene, stress, point), wanted)
-            for label in wanted:
+        for name, scene in self.loaded.under(stress):
+            readers = [label for label in wanted if self.loaded.reads(self._written[label], name)]
+            answers = self.bench.answer(self._cells(name, scene, stress, point), readers)
+            for label in readers:
                 measured = [found[label] for found in answers]
                 store[label, point] += trials_of(name, self.seeds, measured)
                 for answer in measured:
@@ -290,9 +303,13 @@ class _Sweep:
             self.scores += rows[label]
             self.journal.add(keys[label], rows[label], trials=[asdict(trial) for trial in store[label, point]])
 
+    def _first(self, stress: Stress, one: Chosen) -> tuple[str, Scene]:
+        """The first scene under a stress that an estimator reads."""
+        return next(found for found in self.loaded.under(stress) if self._reads(one, found[0]))
+
     def _key(self, stress: Stress, one: Chosen) -> dict[str, str]:
         return {
-            "modality": str(self.loaded.scenes[0][1].rig.kind), "suite": self.loaded.suite.suite,
+            "modality": str(self._first(stress, one)[1].rig.kind), "suite": self.loaded.suite.suite,
             "estimator": one.label, "axis": stress.axis, "unit": axis_unit(stress.axis),
             "axis2": stress.axis2 or CELL_NONE, "unit2": axis_unit(stress.axis2) if stress.axis2 else "",
             "condition": self.bench.condition,
@@ -306,7 +323,7 @@ class _Sweep:
             beside = self.journal.beside[key]
             single, gain = (math.nan if beside[name] is None else beside[name] for name in ("single", "gain"))
         elif level is not None:
-            name, scene = self.loaded.scenes[0]
+            name, scene = self._first(stress, one)
             cell = self._cells(name, scene, stress, (level,))[0]
             outcomes, truth, bound = self.bench.variants(cell, one.label, VARIANTS)
             single = change_in_bounds(outcomes["float32"], outcomes["float64"], truth, bound)

@@ -44,31 +44,39 @@ class SceneEntry(Spec):
     """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
 
     `name` distinguishes two entries of one scene; it defaults to the scene's own name. `fidelity`: the rung of this scene, where
-    it is not the suite's.
+    it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes.
     """
 
     scene: Annotated[str, Field(min_length=1)]
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=120)] | None = None
     overrides: dict[str, Any] = Field(default_factory=dict)
     fidelity: Rung | None = None
+    estimators: tuple[str, ...] = ()
 
     @model_serializer(mode="wrap")
-    def _without_absent_rung(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # Suites without it keep their hashes.
-        return {name: value for name, value in handler(self).items() if name != "fidelity" or value is not None}
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # Suites without them keep their hashes.
+        unused = {"fidelity": self.fidelity is None, "estimators": not self.estimators}
+        return {name: value for name, value in handler(self).items() if not unused.get(name, False)}
 
 
 class Stress(Spec):
     """A stress (`axis`: a name of `stress.AXES` or a numeric path of the scene) and its levels; with `axis2` a grid.
 
     A sweep refines the levels at the edge of breakdown; it needs levels that rise or fall throughout, from benign to
-    breaking.
+    breaking. `scenes`: names in the suite of the scenes under this stress; all by default.
     """
 
     axis: Annotated[str, Field(min_length=1)]
     values: Annotated[tuple[float, ...], Field(min_length=1)]
     axis2: Annotated[str, Field(min_length=1)] | None = None
     values2: tuple[float, ...] = ()
+    scenes: tuple[str, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_absent_scenes(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # Suites without them keep their hashes.
+        return {name: value for name, value in handler(self).items() if name != "scenes" or self.scenes}
 
     @model_validator(mode="after")
     def _second_axis_has_values(self) -> Stress:

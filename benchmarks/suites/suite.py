@@ -17,6 +17,7 @@ from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
 from ...scenes.validate import validate_spec
+from .parts import without_parts
 from .spec import Calibration, Condition, Draw, Limits, Rung, SceneEntry, Seeds, Split, Stress, Suite
 from .stress import stressed
 from .variants import without_variants
@@ -68,6 +69,19 @@ class Loaded:
         """What is drawn anew for every seed of a scene, by its name in the suite."""
         return tuple(draw for draw in self.suite.draws if not draw.scenes or name in draw.scenes)
 
+    def stresses(self, name: str) -> tuple[Stress, ...]:
+        """The stresses of a scene, by its name in the suite."""
+        return tuple(stress for stress in self.suite.stresses if not stress.scenes or name in stress.scenes)
+
+    def under(self, stress: Stress) -> tuple[tuple[str, Scene], ...]:
+        """The scenes under a stress of the suite, by their names."""
+        return tuple((name, scene) for name, scene in self.scenes if not stress.scenes or name in stress.scenes)
+
+    def reads(self, label: str, name: str) -> bool:
+        """Whether an estimator of the suite, by the label that the suite writes, reads a scene, by its name in the suite."""
+        lists = {held: entry.estimators for (held, _), entry in zip(self.scenes, self.suite.scenes, strict=True)}
+        return not lists[name] or label in lists[name] or all(label not in listed for listed in lists.values())
+
 
 def list_suites() -> list[str]:
     """Names of the built-in suites, sorted."""
@@ -96,6 +110,7 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
     of_suite, of_scenes = _split(overrides or {})
     of_variants = {path: value for path, value in of_suite.items() if path.split(".")[0] == "variants"}
     data = apply_overrides(data, of_variants) if of_variants else data
+    data = without_parts(data, where, partial(_part, folder=folder))
     variants = data.get("variants", {})
     data = without_variants(data, where)
     if len(of_suite) > len(of_variants):  # these apply to scenes without variants; new scenes may name variants too
@@ -115,19 +130,39 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
             value=names,
             next_step='give one of them its own name: { scene = "...", name = "..." }',
         )
-    for draw in suite.draws:
-        if unknown := set(draw.scenes) - set(names):
-            raise InputError(
-                "A draw names a scene that the suite does not have.",
-                where=f"{where}: draws", value=sorted(unknown), allowed=", ".join(names),
-            )  # fmt: skip
-        for name, scene in loaded:
-            if not draw.scenes or name in draw.scenes:
-                stressed(scene, [(draw.axis, draw.high)])
-    for stress in suite.stresses:  # raises InputError for a path that does not exist, before anything runs
-        for _, scene in loaded:
+    result = Loaded(suite, tuple(loaded), suite_hash(suite, loaded))
+    _check_scenes(result, where)
+    return result
+
+
+def _check_scenes(loaded: Loaded, where: str) -> None:
+    """Refuse, before anything runs, draws and stresses of unknown scenes or paths, and estimators that are not the suite's."""
+    names = [name for name, _ in loaded.scenes]
+    for key, items in (("draws", loaded.suite.draws), ("stresses", loaded.suite.stresses)):
+        for item in items:
+            if unknown := set(item.scenes) - set(names):
+                raise InputError(
+                    f"One of the {key} names a scene that the suite does not have.",
+                    where=f"{where}: {key}", value=sorted(unknown), allowed=", ".join(names),
+                )  # fmt: skip
+    for name, scene in loaded.scenes:
+        for draw in loaded.draws(name):
+            stressed(scene, [(draw.axis, draw.high)])
+        for stress in loaded.stresses(name):
             _stressed(scene, stress, stress.values[0], stress.values2[0] if stress.values2 else None)
-    return Loaded(suite, tuple(loaded), suite_hash(suite, loaded))
+
+
+def _part(name: str, folder: Path) -> dict[str, Any]:
+    """The data of a part of a suite, by its name or its file, with variants written out and the paths in it resolved."""
+    path = find_spec_file(_anchor(name, folder), SUITES, kind="suite", next_step="beambench run quickstart")
+    data = without_variants(read_spec_file(path), name)
+    entries = [{"scene": item} if isinstance(item, str) else item for item in data.get("scenes", ())]
+    return data | {"scenes": [_anchored(entry, path.parent) for entry in entries if isinstance(entry, dict)]}
+
+
+def _anchored(entry: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    changes = {"overrides": anchored_overrides(entry["overrides"], folder)} if "overrides" in entry else {}
+    return {**entry, **changes, "scene": _anchor(str(entry.get("scene", "")), folder)}
 
 
 def _anchor(name: str, folder: Path) -> str:
@@ -199,7 +234,7 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
         rung = loaded.fidelity(name)
         of_seed = {seed: drawn_scene(name, scene, loaded.draws(name), seed) for seed in seeds}
         grid: list[tuple[str, float, str, float, dict[int, Scene]]] = [(CELL_NONE, nan, CELL_NONE, nan, of_seed)]
-        for stress in loaded.suite.stresses:
+        for stress in loaded.stresses(name):
             for level in stress.values:
                 for level2 in stress.values2 or (None,):
                     changed = _each(of_seed, partial(_stressed, stress=stress, level=level, level2=level2))
