@@ -193,13 +193,13 @@ class _Run:
         #: The estimators that read a scene, by its name.
         self._readers = {
             name: frozenset(
-                one.label
-                for one, label in zip(chosen, self.suite.estimators, strict=True)
-                if loaded.reads(label, name)
+                one.label for one, label in zip(chosen, self.suite.estimators, strict=True) if loaded.reads(label, name)
             )
             for name, _ in loaded.scenes
         }
-        self.total = len(self.suite.conditions) * sum(len(self._readers[cell.scene_name]) for cell in cells)
+        self.total = sum(
+            len(self._readers[name]) * len(loaded.conditions(name)) for name in (c.scene_name for c in cells)
+        )
         self.done = 0
         self._calibrations: Calibrations | None = None
 
@@ -219,7 +219,9 @@ class _Run:
             self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
         )
         entry = spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
-        self.inputs += input_rows(cell, {name: content_id(entry.sums, name) for name in self.suite.conditions})
+        self.inputs += input_rows(
+            cell, {name: content_id(entry.sums, name) for name in self.loaded.conditions(cell.scene_name)}
+        )
         return entry
 
     def _store(self, cell: Cell) -> Path:
@@ -243,7 +245,7 @@ class _Run:
         return capture  # type: ignore[no-any-return]
 
     def _conditions(self, cell: Cell, capture: xr.Dataset) -> dict[str, Callable[[xr.Dataset], xr.Dataset]]:
-        return {name: self._condition(name, cell, capture) for name in self.suite.conditions}
+        return {name: self._condition(name, cell, capture) for name in self.loaded.conditions(cell.scene_name)}
 
     def _condition(self, name: str, cell: Cell, capture: xr.Dataset) -> Callable[[xr.Dataset], xr.Dataset]:
         if name == "matched":
@@ -286,7 +288,8 @@ class _Run:
         """The captures that an estimator still has to read. Results in the journal or the cache become rows at once."""
         jobs: list[Job] = []
         for entry in batch:
-            if chosen.label not in self._readers[entry.cell.scene_name]:
+            name = entry.cell.scene_name
+            if chosen.label not in self._readers[name] or condition not in self.loaded.conditions(name):
                 continue
             key = self._journal_key(entry, condition, chosen)
             finished = self.journal.done.get(key)

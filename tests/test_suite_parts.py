@@ -50,6 +50,18 @@ def test_scenes_draws_and_stresses_keep_to_their_part(folder: Path) -> None:
     ]
 
 
+def test_a_scene_keeps_the_conditions_of_its_part(folder: Path) -> None:
+    calibration = {"pulse_photoelectrons": 1e4, "gate_photoelectrons": 1e3}
+    both_ways = {"conditions": ["matched", "calibrated"], "calibration": calibration}
+    (folder / "walls.json").write_text(json.dumps(GATED | both_ways | {"estimators": ["peak"]}))
+    both = load_suite(folder / "both.json")
+    assert both.suite.conditions == ("matched", "calibrated") and both.conditions("counter") == ("matched",)
+    run_suite(folder / "both.json", folder / "run", overrides={"stresses": []}, report=False)
+    rows = pd.read_csv(folder / "run" / "scores.csv")
+    assert set(zip(rows["scene"], rows["condition"], strict=True)) == {
+        ("far", "matched"), ("far", "calibrated"), ("counter", "matched")}  # fmt: skip
+
+
 def test_an_estimator_that_no_scene_lists_reads_all(folder: Path) -> None:
     mine = load_suite(folder / "both.json", {"estimators": ["peak", "threshold"]})
     assert [mine.reads(one, name) for one in ("peak", "threshold") for name in ("far", "counter")] == [

@@ -215,7 +215,7 @@ class _Sweep:
         for number, (name, scene) in enumerate(self.loaded.scenes):
             self.progress("as written", number, len(self.loaded.scenes), name)
             rows: dict[str, list[dict[str, Any]]] = {}
-            readers = [one for one in self.chosen if self._reads(one, name)]
+            readers = [one for one in self.chosen if self._reads(one.label, name)]
             for one in readers:
                 if (kept := self.journal.done.get(self._journal_key(one.label, "as written", name))) is not None:
                     rows[one.label] = kept
@@ -231,13 +231,14 @@ class _Sweep:
         self.chosen = [one for one in self.chosen if one.label in apply]
         self.progress("as written", len(self.loaded.scenes), len(self.loaded.scenes), "")
 
-    def _reads(self, one: Chosen, name: str) -> bool:
-        return self.loaded.reads(self._written[one.label], name)
+    def _reads(self, label: str, name: str) -> bool:
+        """Whether an estimator reads a scene under the condition of the bench."""
+        return self.loaded.reads(self._written[label], name) and self.bench.condition in self.loaded.conditions(name)
 
     def along(self, stress: Stress) -> None:
         """Measure the failure map of every estimator along one stress."""
         under = self.loaded.under(stress)
-        chosen = [one for one in self.chosen if any(self._reads(one, name) for name, _ in under)]
+        chosen = [one for one in self.chosen if any(self._reads(one.label, name) for name, _ in under)]
         store: dict[tuple[str, Point], list[Trial]] = {}
         first: list[Point] = [(x, y) for x in stress.values for y in stress.values2]
         first = first or [(x,) for x in stress.values]
@@ -288,7 +289,7 @@ class _Sweep:
         for label in wanted:
             store[label, point] = []
         for name, scene in self.loaded.under(stress):
-            readers = [label for label in wanted if self.loaded.reads(self._written[label], name)]
+            readers = [label for label in wanted if self._reads(label, name)]
             answers = self.bench.answer(self._cells(name, scene, stress, point), readers)
             for label in readers:
                 measured = [found[label] for found in answers]
@@ -305,7 +306,7 @@ class _Sweep:
 
     def _first(self, stress: Stress, one: Chosen) -> tuple[str, Scene]:
         """The first scene under a stress that an estimator reads."""
-        return next(found for found in self.loaded.under(stress) if self._reads(one, found[0]))
+        return next(found for found in self.loaded.under(stress) if self._reads(one.label, found[0]))
 
     def _key(self, stress: Stress, one: Chosen) -> dict[str, str]:
         return {

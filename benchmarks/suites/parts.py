@@ -3,8 +3,10 @@
     suite = "full"
     parts = ["gated", "waveform", "amcw"]
 
-Scenes, draws and stresses follow one another; a scene keeps its part's rung, and lists its part's estimators. What a suite has once
-(seeds, conditions, rtol, calibration, limits) is that of the joint suite where it is stated there; otherwise the parts must agree on it.
+Scenes, draws and stresses follow one another; a scene keeps its part's rung and conditions, and lists its part's estimators. What a
+suite has once (seeds, rtol, calibration, limits) is that of the joint suite where it is stated there; otherwise the parts must agree
+on it.
+
 Parts are only a notation, as variants are: the suite that is run, recorded and hashed has them written out.
 """
 
@@ -18,9 +20,9 @@ from ...scenes.errors import InputError
 __all__ = ["without_parts"]
 
 #: Keys that a joint suite has once.
-_ONCE = ("conditions", "seeds", "rtol", "limits", "failure_at", "new_child")
+_ONCE = ("seeds", "rtol", "limits", "failure_at", "new_child")
 #: Keys that a joint suite with parts has of its own.
-_OWN = ("schema_version", "suite", "version", "title", "calibration", "parts", *_ONCE)
+_OWN = ("schema_version", "suite", "version", "title", "conditions", "calibration", "parts", *_ONCE)
 _MOST = 20
 
 
@@ -53,6 +55,7 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
             raise InputError("A part of a suite has no parts itself.", where=f"{where}: parts", value=name)
     result = {key: value for key, value in data.items() if key != "parts"}
     result |= {key: result.get(key, _agreed(key, parts, where)) for key in _ONCE if _stated(key, data, parts)}
+    result.setdefault("conditions", list(dict.fromkeys(one for part in parts.values() for one in _conditions(part))))
     calibration = _calibration(parts, where) | dict(data.get("calibration", {}))
     result |= {"calibration": calibration} if calibration else {}
     result["scenes"] = [entry for part in parts.values() for entry in _scenes(part)]
@@ -89,9 +92,13 @@ def _calibration(parts: Mapping[str, Mapping[str, Any]], where: str) -> dict[str
     return result
 
 
+def _conditions(part: Mapping[str, Any]) -> list[Any]:
+    return list(part.get("conditions", ("matched",)))
+
+
 def _scenes(part: Mapping[str, Any]) -> list[Any]:
     """The entries of a part, with its rung and its estimators where an entry has none of its own."""
-    common = {"estimators": list(part["estimators"])}
+    common = {"estimators": list(part["estimators"]), "conditions": _conditions(part)}
     common |= {"fidelity": part["fidelity"]} if "fidelity" in part else {}
     return [{**common, **({"scene": item} if isinstance(item, str) else item)} for item in part["scenes"]]
 

@@ -44,7 +44,8 @@ class SceneEntry(Spec):
     """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
 
     `name` distinguishes two entries of one scene; it defaults to the scene's own name. `fidelity`: the rung of this scene, where
-    it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes.
+    it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes. `conditions`: which
+    of the suite's it is run under; all by default.
     """
 
     scene: Annotated[str, Field(min_length=1)]
@@ -52,11 +53,16 @@ class SceneEntry(Spec):
     overrides: dict[str, Any] = Field(default_factory=dict)
     fidelity: Rung | None = None
     estimators: tuple[str, ...] = ()
+    conditions: tuple[Condition, ...] = ()
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         # Suites without them keep their hashes.
-        unused = {"fidelity": self.fidelity is None, "estimators": not self.estimators}
+        unused = {
+            "fidelity": self.fidelity is None,
+            "estimators": not self.estimators,
+            "conditions": not self.conditions,
+        }
         return {name: value for name, value in handler(self).items() if not unused.get(name, False)}
 
 

@@ -77,6 +77,12 @@ class Loaded:
         """The scenes under a stress of the suite, by their names."""
         return tuple((name, scene) for name, scene in self.scenes if not stress.scenes or name in stress.scenes)
 
+    def conditions(self, name: str) -> tuple[Condition, ...]:
+        """The conditions under which a scene is run, by its name in the suite."""
+        entries = zip(self.scenes, self.suite.scenes, strict=True)
+        own = next(entry.conditions for (held, _), entry in entries if held == name)
+        return tuple(one for one in self.suite.conditions if not own or one in own)
+
     def reads(self, label: str, name: str) -> bool:
         """Whether an estimator of the suite, by the label that the suite writes, reads a scene, by its name in the suite."""
         lists = {held: entry.estimators for (held, _), entry in zip(self.scenes, self.suite.scenes, strict=True)}
