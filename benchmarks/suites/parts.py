@@ -54,7 +54,8 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
         if "parts" in part:
             raise InputError("A part of a suite has no parts itself.", where=f"{where}: parts", value=name)
     result = {key: value for key, value in data.items() if key != "parts"}
-    result |= {key: result.get(key, _agreed(key, parts, where)) for key in _ONCE if _stated(key, data, parts)}
+    missing = [key for key in _ONCE if key not in data and any(key in part for part in parts.values())]
+    result |= {key: _agreed(key, parts, where) for key in missing}
     result.setdefault("conditions", list(dict.fromkeys(one for part in parts.values() for one in _conditions(part))))
     calibration = _calibration(parts, where) | dict(data.get("calibration", {}))
     result |= {"calibration": calibration} if calibration else {}
@@ -64,10 +65,6 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
         if found := [_limited(item, part) for part in parts.values() for item in part.get(key, ())]:
             result[key] = found
     return result
-
-
-def _stated(key: str, data: Mapping[str, Any], parts: Mapping[str, Mapping[str, Any]]) -> bool:
-    return key in data or any(key in part for part in parts.values())
 
 
 def _agreed(key: str, parts: Mapping[str, Mapping[str, Any]], where: str) -> Any:
@@ -84,7 +81,8 @@ def _calibration(parts: Mapping[str, Mapping[str, Any]], where: str) -> dict[str
     """The calibrations of all parts in one; instruments of different kinds read different keys of it."""
     result: dict[str, Any] = {}
     for name, part in parts.items():
-        for key, value in dict(part.get("calibration", {})).items():
+        held = dict(part.get("calibration", {}))
+        for key, value in ({"seed": 0} | held if held else held).items():
             if result.setdefault(key, value) != value:
                 raise InputError("The parts of a suite disagree.", where=f"{where}: calibration.{key}", value=value,
                                  allowed=f"{result[key]}, as in the parts before {name}",
