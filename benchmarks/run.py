@@ -33,6 +33,7 @@ from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
 from .scores.truth import Bound, Truth, aligned, errors_of, refusal_error, single_valued
 from .statistics.skips import not_applicable, skipped_rows, skips_of
+from .suites.sealed import Key
 from .suites.spec import Split, check_split
 from .suites.suite import Cell, Loaded, cell_name, cells_of, check_rungs, load_suite
 
@@ -66,6 +67,7 @@ def run_suite(
     *,
     overrides: Mapping[str, Any] | None = None,
     split: Split = "test",
+    sealed: Key | None = None,
     resume: bool = False,
     overwrite: bool = False,
     report: bool = True,
@@ -78,7 +80,7 @@ def run_suite(
     Main arguments:
         suite: name, path or plain data. out: the output folder, by default ./beambench-runs/<suite>-<time>.
     Other arguments:
-        overrides: {path: value}; see `load_suite`. split: the seeds to score on.
+        overrides: {path: value}; see `load_suite`. split: the seeds to score on. sealed: a key whose seeds take their place.
         resume: whether to continue an interrupted run of the same suite. overwrite: whether to replace an earlier run. It is
             replaced when the new one, in `out`/unfinished until then, is complete.
         cache: whether to reuse results, with their times, that an earlier run measured on this machine, and store new ones.
@@ -91,10 +93,10 @@ def run_suite(
     loaded = load_suite(suite, overrides)
     check_split(split)
     chosen = check_estimators(loaded.suite.estimators, beside=suite)
-    cells = cells_of(loaded, split)
+    cells = cells_of(loaded, split, sealed)
     check_rungs(cells, loaded.suite.rtol)
     folder = output_folder(out, loaded.suite.suite, resume=resume, overwrite=overwrite)
-    settings: dict[str, Any] = {"verb": RUN.verb, "split": split}
+    settings: dict[str, Any] = {"verb": RUN.verb, "split": split, "sealed": sealed.name if sealed else ""}
 
     def check(held: Path) -> None:
         Journal.check(held, loaded.hash, **settings)
@@ -135,7 +137,7 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     run.stages["tables"] = time.perf_counter() - tick
     record = {
         "suite": loaded.suite.suite, "title": loaded.suite.title, "version": loaded.suite.version, "hash": loaded.hash,
-        "seeds": list(getattr(loaded.suite.seeds, settings["split"])), "captures": len(cells),
+        "seeds": list(dict.fromkeys(cell.seed for cell in cells)), "captures": len(cells),
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
         "started": began, "finished": now(), **settings,
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
@@ -239,7 +241,9 @@ class _Run:
         shutil.rmtree(partial_of(path), ignore_errors=True)  # left by an interrupted run
         capture = self._timed(
             "generate",
-            lambda: generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=fidelity, rtol=self.suite.rtol),
+            lambda: generate(
+                cell.scene, seed=cell.random_seed, capture_key=cell.key, fidelity=fidelity, rtol=self.suite.rtol
+            ),
         )
         self._timed("store", lambda: write(path, capture))
         return capture  # type: ignore[no-any-return]
@@ -376,6 +380,8 @@ class _Run:
 
     def _shown(self, cell: Cell, condition: str) -> bool:
         """Whether the page shows a cell: unchanged scenes, first seed, first condition."""
+        if cell.secret is not None:  # a picture of the truth would tell it
+            return False
         as_written = cell.level != cell.level and cell.seed == _first_seed(self.loaded, cell)
         return as_written and condition == self.suite.conditions[0]
 

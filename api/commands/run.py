@@ -54,7 +54,8 @@ RUN = command(
   beambench run quickstart
   beambench run quickstart -e poisson-ml -e 'weighted-average[background=subtract]'
   beambench run my-suite.toml --set seeds.test=[1,2,3] --set rig.detector.read_noise_e=5 -o results
-  beambench run quickstart -o results --resume""",
+  beambench run quickstart -o results --resume
+  beambench run gated --sealed challenge.key -e my-method""",
 )
 
 

@@ -26,6 +26,7 @@ def generate(
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: bool = False,
     truth_components: bool = False,
+    sealed: str | Path | None = None,
     like: str | Path | None = None,
     plan: bool = False,
     out: str | Path | None = None,
@@ -49,6 +50,8 @@ def generate(
         truth_electrons: Store the noise-free expectation of every sample, too.
         truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered
             repeatedly (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
+        sealed: File of a secret key: captures of a suite with seeds that nobody knows, stored without truth
+            (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; only `overrides` may
             say where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in the
@@ -65,17 +68,19 @@ def generate(
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..benchmarks.datasets.items import items_of
+    from ..benchmarks.suites.sealed import read_key
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
     if like is not None:
         given = {
             "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,
-            "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
+            "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
         }  # fmt: skip
         return _repeat(like, given, changes, plan, place, overwrite, progress)
     _check_request(source, place, resume, overwrite)
-    groups = items_of(source, changes, seeds, fidelity, rtol, truth_electrons, truth_components)
+    key = None if sealed is None else read_key(sealed)
+    groups = items_of(source, changes, seeds, fidelity, rtol, truth_electrons, truth_components, key)
     return _make(str(source), groups, plan, place, resume, overwrite, progress)
 
 

@@ -21,6 +21,7 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     estimators: Sequence[str] | None = None,
     split: Literal["dev", "test"] = "test",
+    sealed: str | Path | None = None,
     out: str | Path | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -40,6 +41,8 @@ def run(
     Other arguments:
         estimators: Run this estimator instead of those of the suite: name or name[key=value,...].
         split: Seeds of the suite to use: tune parameters on dev, publish results of test.
+        sealed: File of a secret key: as many captures with seeds that nobody knows take the place of the suite's
+            (docs/challenges.md).
         out: Folder of the results; ./beambench-runs/<suite>-<time> by default.
         resume: Continue an interrupted run in `out`.
         overwrite: Replace an earlier run in `out`.
@@ -57,12 +60,14 @@ def run(
     """
     from ..benchmarks.folders.progress import silent
     from ..benchmarks.run import run_suite
+    from ..benchmarks.suites.sealed import read_key
 
     return run_suite(
         suite,
         out,
         overrides=suite_changes(overrides, estimators),
         split=split,
+        sealed=None if sealed is None else read_key(sealed),
         resume=resume,
         overwrite=overwrite,
         report=report,

@@ -124,13 +124,14 @@ def _check_kept(where: str, kept: list[dict[str, Any]], items: list[Item]) -> No
 
 
 def _make(item: Item) -> xr.Dataset:
+    from ...captures.public import without_truth
     from ...captures.sources import bare_scene
     from ...generator.generate import capture_key_of
     from ...generator.generate import generate as make
 
     # The key does not depend on the folder of a mesh: the same scene file gives the same noise wherever it lies.
     key = capture_key_of(bare_scene(item.scene.model_dump(mode="json"))) if item.key is None else item.key
-    return make(
+    capture = make(
         item.scene,
         seed=item.seed,
         capture_key=key,
@@ -139,6 +140,7 @@ def _make(item: Item) -> xr.Dataset:
         truth_electrons=item.truth_electrons,
         truth_components=item.truth_components,
     )
+    return capture if item.seal is None else without_truth(capture, item.seal.provenance())
 
 
 def maker_of(store: Path) -> Callable[[dict[str, Any], str], xr.Dataset]:

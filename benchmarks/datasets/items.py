@@ -12,6 +12,8 @@ from ...scenes.errors import InputError
 
 if TYPE_CHECKING:
     from ...scenes.scene import Scene
+    from ..suites.sealed import Key
+    from .sealed import Seal
 
 __all__ = ["Fidelity", "Item", "Rtol", "check_items", "is_suite", "items_of", "planned"]
 
@@ -24,7 +26,7 @@ _BYTES_PER_SAMPLE, _BYTES_PER_SLICE = 6, 40
 
 @dataclass(frozen=True)
 class Item:
-    """One capture to make."""
+    """One capture to make; with a `seal` it is stored without truth."""
 
     scene: Scene
     seed: int
@@ -33,6 +35,7 @@ class Item:
     rtol: Rtol
     truth_electrons: bool
     truth_components: bool = False
+    seal: Seal | None = None
 
 
 def is_suite(source: Any) -> bool:
@@ -57,15 +60,19 @@ def items_of(
     rtol: Rtol | None,
     electrons: bool,
     components: bool,
+    key: Key | None = None,
 ) -> dict[str, list[Item]]:
     """Captures to make, by the name of their store; the one store of a scene has the name "".
 
+    With a `key` they are the sealed ones of a suite.
+
     Raises:
-        InputError: No such scene or suite, seeds for a suite (it has its own), or as `check_items`.
+        InputError: No such scene or suite, seeds for a suite (it has its own), a key for a scene, or as `check_items`.
     """
     from ...generator.models import first_rung
     from ...scenes.load import load_scene
     from ..suites.suite import CELL_NONE, cells_of, load_suite
+    from .sealed import Seal
 
     groups: dict[str, list[Item]] = {}
     if is_suite(source):
@@ -78,11 +85,19 @@ def items_of(
             )
         loaded = load_suite(source, overrides)
         aimed: Any = loaded.suite.rtol if rtol is None else rtol
-        for cell in cells_of(loaded):
+        if key is not None and (fidelity or rtol or electrons or components):
+            raise InputError(
+                "A sealed suite is made as its file says.", where="--sealed",
+                allowed="no --fidelity, --rtol, --truth-electrons or --truth-components",
+            )  # fmt: skip
+        for cell in cells_of(loaded, key=key):
             if cell.stress == CELL_NONE:
                 rung: Any = fidelity or cell.fidelity
-                item = Item(cell.scene, cell.seed, cell.key, rung, aimed, electrons, components)
+                seal = None if key is None else Seal(key.name, loaded.suite.suite, cell.scene_name, cell.seed)
+                item = Item(cell.scene, cell.random_seed, cell.key, rung, aimed, electrons, components, seal)
                 groups.setdefault(cell.scene_name, []).append(item)
+    elif key is not None:
+        raise InputError("Only a suite can be sealed.", where="--sealed", value=str(source), next_step="name a suite")
     else:
         numbers = _seeds(seeds)
         scene = load_scene(source, overrides)
@@ -149,7 +164,7 @@ def planned(item: Item, name: str = "") -> dict[str, Any]:
     slices, rows, cols = sizes_of(item.scene)
     return {
         "scene": name or item.scene.name,
-        "seed": item.seed,
+        "seed": item.seed if item.seal is None else item.seal.number,
         "slices": slices,
         "rows": rows,
         "cols": cols,

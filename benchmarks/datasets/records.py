@@ -9,6 +9,7 @@ from typing import Any
 from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
 from .items import Item
+from .sealed import seal_of
 
 __all__ = ["difference", "recorded"]
 
@@ -17,6 +18,8 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
     """How a recorded capture differs from the requested one, `item`; "" if it is the same."""
     from ...captures.sources import bare_scene, source_files
 
+    if item.seal is not None or seal_of(attrs) is not None:
+        return "" if item.seal == seal_of(attrs) else f"it is sealed as {seal_of(attrs)}, not {item.seal}"
     try:
         recorded_scene = bare_scene(read_json(attrs["truth_scene"]))
         provenance = read_json(attrs["provenance"])

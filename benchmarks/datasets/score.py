@@ -10,24 +10,36 @@ from ...estimators.labels import parse_label, split_label
 from ...scenes.errors import InputError
 from ...scenes.forks import refuse_forked
 from ...scenes.json_keys import read_json
+from .sealed import making_again, seal_of
 
 if TYPE_CHECKING:
     from ...captures import CaptureSet
     from ...captures.estimates import Estimates
+    from ..suites.sealed import Key
+    from ..suites.spec import Draw
 
 __all__ = ["scene_name", "score_store"]
 
 
-def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[dict[str, Any]]:
+def score_store(
+    data: Path,
+    estimates: Path,
+    failure_at: float | None,
+    *,
+    key: Key | None = None,
+    suite: str | Path | None = None,
+) -> list[dict[str, Any]]:
     """Rows of scores.csv: every file of estimates on every capture.
 
     Main arguments:
         data: The store.
         estimates: A folder of .h5 files, or one file.
         failure_at: Size of an error above which an element has failed, in the unit of the quantity; None: the rule of the modality.
+    Other arguments:
+        key: The key of a sealed store, by which its truth is made again. suite: Its suite, where that is not built in.
 
     Raises:
-        InputError: No store, no truth, no estimates, estimates that do not fit, or two with the same label.
+        InputError: No store, no truth, another key, no estimates, estimates that do not fit, or two with the same label.
     """
     refuse_forked()
     from ...captures import open_captures
@@ -35,6 +47,7 @@ def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[d
     from ...captures.sizes import sizes_of
     from ..judges import judge_of
     from ..judges.bound import bounds_of, truths_of
+    from ..judges.drawn import with_draws
     from ..scores.score import score_rows
 
     captures = open_captures(data)
@@ -45,17 +58,25 @@ def score_store(data: Path, estimates: Path, failure_at: float | None) -> list[d
         for path in list_estimates(estimates)
     ]
     _check(tables, estimates, failure_at)
+    again = None if key is None else making_again(captures, key, suite)
     rows: list[dict[str, Any]] = []
     for index in range(len(captures)):
         capture = captures[index]
+        place: dict[str, Any] = {}
+        draws: tuple[Draw, ...] = ()
+        if again is not None:
+            cell, capture, draws = again(index, capture)
+            place = {"scene": cell.scene_name, "seed": cell.seed}
         if capture.attrs.get("truth_kind") == "none":
+            sealed = seal_of(capture.attrs) is not None
             raise InputError(
-                "The capture holds no truth to score against.", where=f"{data}, capture {index}", value="none"
-            )
-        truth, bound = truths_of(capture), bounds_of(capture)
+                "The capture holds no truth to score against.", where=f"{data}, capture {index}", value="none",
+                next_step="it is sealed: give the organiser's key with --sealed KEYFILE" if sealed else "",
+            )  # fmt: skip
+        truth, bound = truths_of(capture), with_draws(bounds_of(capture), capture, draws)
         for table in tables:
             rows += score_rows(
-                _key(table, captures, index, capture.attrs),
+                _key(table, captures, index, capture.attrs) | place,
                 table.gives,
                 truth,
                 bound,

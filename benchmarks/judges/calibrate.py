@@ -52,10 +52,10 @@ class Calibrations:
 
     def declared(self, cell: Cell, rig: str) -> str:
         """The declared rig `rig` of a cell's capture after its calibration; computed once for equal instruments."""
-        place = (cell.scene_name, cell.seed, rig, cell.scene.model_dump_json(include={"rig"}))
+        place = (cell.scene_name, cell.random_seed, rig, cell.scene.model_dump_json(include={"rig"}))
         if place not in self._known:
             key = capture_key(cell.scene_name, CELL_NONE, float("nan"))  # from the unchanged scene, for all its levels
-            self._known[place] = calibrated_rig(cell.scene, rig, self._calibration, seed=cell.seed, key=key)
+            self._known[place] = calibrated_rig(cell.scene, rig, self._calibration, seed=cell.random_seed, key=key)
         return self._known[place]
 
 

@@ -155,7 +155,7 @@ class Bench:
         from ...generator.generate import generate
 
         fidelity: Any = cell.fidelity
-        capture = generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=fidelity, rtol=self._rtol)
+        capture = generate(cell.scene, seed=cell.random_seed, capture_key=cell.key, fidelity=fidelity, rtol=self._rtol)
         self.captures_made += 1
         hidden = hide_truth(capture)
         if self._declare is not None:

@@ -3,9 +3,9 @@
     suite = "full"
     parts = ["gated", "waveform", "amcw"]
 
-Scenes, draws and stresses follow one another; a scene keeps its part's rung and conditions, and lists its part's estimators. What a
-suite has once (seeds, rtol, calibration, limits) is that of the joint suite where it is stated there; otherwise the parts must agree
-on it.
+Scenes, draws and stresses follow one another; a scene keeps its part's rung and conditions, and lists its part's estimators. What
+a suite has once (seeds, rtol, calibration, limits) is that of the joint suite where it is stated there; otherwise the parts must
+agree on it.
 
 Parts are only a notation, as variants are: the suite that is run, recorded and hashed has them written out.
 """

@@ -18,6 +18,7 @@ from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
 from ...scenes.validate import validate_spec
 from .parts import without_parts
+from .sealed import Key
 from .spec import Calibration, Condition, Draw, Limits, Rung, SceneEntry, Seeds, Split, Stress, Suite
 from .stress import stressed
 from .variants import without_variants
@@ -38,7 +39,7 @@ CELL_NONE = "none"
 @dataclass(frozen=True)
 class Cell:
     """One generated capture of a suite: the scene with its stress applied, its key in the table, and the rung that renders it
-    (None: the cheapest of the scene's modality)."""
+    (None: the cheapest of the scene's modality). `secret`: the seed of a sealed capture, of which `seed` is only the number."""
 
     scene_name: str
     scene: Scene
@@ -49,6 +50,12 @@ class Cell:
     seed: int
     key: int
     fidelity: Rung | None = None
+    secret: int | None = None
+
+    @property
+    def random_seed(self) -> int:
+        """The seed of everything random in the capture and its calibration."""
+        return self.seed if self.secret is None else self.secret
 
 
 @dataclass(frozen=True)
@@ -229,16 +236,19 @@ def _stressed(scene: Scene, stress: Stress, level: float, level2: float | None) 
     return stressed(scene, levels)[0]
 
 
-def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
-    """All captures of a suite, in a fixed order: every scene unchanged, then at each stress level, for each seed."""
+def cells_of(loaded: Loaded, split: Split = "test", key: Key | None = None) -> list[Cell]:
+    """All captures of a suite, in a fixed order: every scene unchanged, then at each stress level, for each seed. With a `key`
+    there are as many sealed ones, numbered from 1."""
     seeds = getattr(loaded.suite.seeds, split)
     if not seeds:
         raise InputError(f"The suite has no {split} seeds.", where="seeds", next_step="add them to the suite file")
     nan = float("nan")
     cells: list[Cell] = []
+    secrets = {number: key.seed(loaded.suite.suite, number) for number in range(1, len(seeds) + 1)} if key else {}
+    seeds = list(secrets) or seeds
     for name, scene in loaded.scenes:
         rung = loaded.fidelity(name)
-        of_seed = {seed: drawn_scene(name, scene, loaded.draws(name), seed) for seed in seeds}
+        of_seed = {seed: drawn_scene(name, scene, loaded.draws(name), secrets.get(seed, seed)) for seed in seeds}
         grid: list[tuple[str, float, str, float, dict[int, Scene]]] = [(CELL_NONE, nan, CELL_NONE, nan, of_seed)]
         for stress in loaded.stresses(name):
             for level in stress.values:
@@ -247,8 +257,11 @@ def cells_of(loaded: Loaded, split: Split = "test") -> list[Cell]:
                     second = (stress.axis2 or CELL_NONE, nan if level2 is None else level2)
                     grid.append((stress.axis, level, *second, changed))
         for axis, level, axis2, second_level, changed in grid:
-            key = capture_key(name, axis, level, axis2, second_level)
-            cells += [Cell(name, changed[seed], axis, level, axis2, second_level, seed, key, rung) for seed in seeds]
+            number = capture_key(name, axis, level, axis2, second_level)
+            cells += [
+                Cell(name, changed[seed], axis, level, axis2, second_level, seed, number, rung, secrets.get(seed))
+                for seed in seeds
+            ]
     return cells
 
 
@@ -258,7 +271,7 @@ def check_rungs(cells: Iterable[Cell], rtol: float) -> None:
 
     for cell in cells:
         if cell.fidelity is not None:
-            checked(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity=cell.fidelity, rtol=rtol)
+            checked(cell.scene, seed=cell.random_seed, capture_key=cell.key, fidelity=cell.fidelity, rtol=rtol)
 
 
 def _each(scenes: Mapping[int, Scene], change: Callable[[Scene], Scene]) -> dict[int, Scene]:
