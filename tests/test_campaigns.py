@@ -58,9 +58,10 @@ def test_the_table_counts_what_failed(capsys: pytest.CaptureFixture[str]) -> Non
     part = attempts.Attempts("a part")
     part.held("read")
     part.failed("for a reason")
+    part.used(3 * 2**20)
     assert attempts.print_attempts([part]) == 1
     told = capsys.readouterr().out
-    assert "| a part | 2 | 1 | 1 | 1 read |" in told and "for a reason" in told
+    assert "| a part | 2 | 1 | 1 | 1 read | 3 |" in told and "for a reason" in told
     assert attempts.shares(10, 3) == [4, 3, 3]
 
 

@@ -88,7 +88,8 @@ def _part(name: str, work: Work, kind: str, count: int, rng: np.random.Generator
                 f"signal=KILL:when={when}" if kind == "kills" else _FAULTS[int(rng.integers(len(_FAULTS)))].format(when)
             )
             ended = run_traced(work.words(work_folder), base, inject=how, calls=(call,), started=work.started)
-            problem = _problem(work, kind, ended, expected, work_folder, base)
+            part.used(ended.peak_bytes)
+            problem = _problem(work, kind, ended, expected, work_folder, base, part)
             told = f"attempt {number}, {call} {how}: {problem}"
             part.failed(told) if problem else part.held(_note(kind, ended))
     return part
@@ -116,7 +117,7 @@ def _note(kind: str, ended: Ended) -> str:
     return "killed" if kind == "kills" else f"exit {ended.code}"
 
 
-def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, base: Path) -> str:
+def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, base: Path, part: Attempts) -> str:
     """Why an attempt did not hold, or ""."""
     if ended.code is None:
         return "it hung"
@@ -131,6 +132,7 @@ def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, b
     if ended.code != 0:
         for words in work.again(folder):
             done = run_traced(words, base, calls=("mkdir",), started=work.started)
+            part.used(done.peak_bytes)
             finished.append(f"{' '.join(words[:2])}: exit {done.code}: {done.text[-250:]!r}")
             if done.code == 0 and work.result(folder) == expected:
                 break

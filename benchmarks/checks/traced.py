@@ -34,12 +34,14 @@ _MOST_S = 240.0
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls by name, faults injected."""
+    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls by name, faults injected, and
+    the most resident memory of it and of the processes that it waited for, in bytes."""
 
     code: int | None
     text: str
     each: dict[str, int]
     injected: int
+    peak_bytes: int = 0
 
 
 def available() -> str:
@@ -111,7 +113,8 @@ def run_traced(
     options = [*([] if started else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
     options += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
     with open(said, "w+b") as output:
-        code = _start(words, options, output.fileno()) if started else _attach(words, options, output.fileno())
+        run = _start if started else _attach
+        code, peak_bytes = run(words, options, output.fileno())
         output.seek(0)
         text = output.read().decode(errors="replace")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
@@ -122,25 +125,26 @@ def run_traced(
     each: dict[str, int] = {}
     for (_, name), count in threads.items():
         each[name] = max(each.get(name, 0), count)
-    return Ended(code, text, each, injected)
+    return Ended(code, text, each, injected, peak_bytes)
 
 
-def _start(words: Sequence[str], options: list[str], output: int) -> int | None:
-    """Run a command in a new process under strace; its exit code, None where it does not end in time."""
+def _start(words: Sequence[str], options: list[str], output: int) -> tuple[int | None, int]:
+    """Run a command in a new process under strace; its exit code, None where it does not end in time, and its memory."""
     command = ["strace", *options, sys.executable, "-m", "beambench", *words]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment, start_new_session=True
     ) as tracer:
-        try:
-            return tracer.wait(timeout=_MOST_S)
-        except subprocess.TimeoutExpired:
+        code, peak_bytes = _wait(tracer.pid)
+        if code is None:
             os.killpg(tracer.pid, signal.SIGKILL)
-            return None
+        else:
+            tracer.returncode = code  # it is waited for
+    return code, peak_bytes
 
 
-def _attach(words: Sequence[str], options: list[str], output: int) -> int | None:
-    """Run a command in a forked process to which strace is attached; its exit code, None where it does not end in time."""
+def _attach(words: Sequence[str], options: list[str], output: int) -> tuple[int | None, int]:
+    """Run a command in a forked process to which strace is attached; as `_start`."""
     begin_read, begin_write = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -154,7 +158,7 @@ def _attach(words: Sequence[str], options: list[str], output: int) -> int | None
         tracer.stderr.readline()  # "strace: Process N attached"
         os.write(begin_write, b"x")
         os.close(begin_write)
-        code = _wait(pid)
+        code, peak_bytes = _wait(pid)
         if code is None:
             os.killpg(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
@@ -163,15 +167,15 @@ def _attach(words: Sequence[str], options: list[str], output: int) -> int | None
             tracer.wait(timeout=10)
         except subprocess.TimeoutExpired:
             tracer.kill()
-    return code
+    return code, peak_bytes
 
 
-def _wait(pid: int) -> int | None:
-    """The exit code of a process, None where it does not end in time."""
+def _wait(pid: int) -> tuple[int | None, int]:
+    """The exit code of a process, None where it does not end in time, and its peak of resident memory in bytes."""
     deadline = time.monotonic() + _MOST_S
     while time.monotonic() < deadline:
-        done, status = os.waitpid(pid, os.WNOHANG)
+        done, status, usage = os.wait4(pid, os.WNOHANG)
         if done:
-            return os.waitstatus_to_exitcode(status)
+            return os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024
         time.sleep(0.005)
-    return None
+    return None, 0
