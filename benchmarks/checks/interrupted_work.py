@@ -22,7 +22,7 @@ _SMALL = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4"]
 _SUITE = {
     "schema_version": 1, "suite": "small", "version": 1, "title": "small", "conditions": ["matched"],
     "scenes": [{"scene": "flat-wall", "overrides": {"rig.camera.rows": 4, "rig.camera.cols": 4}}],
-    "estimators": ["peak", "weighted-average"], "fidelity": "direct", "rtol": 1e-3, "seeds": {"dev": [1], "test": [2, 3]},
+    "estimators": ["peak", "weighted-average"], "fidelity": "direct", "rtol": 1e-3, "seeds": {"dev": [1], "test": [2]},
     "stresses": [{"axis": "photons", "values": [1000.0, 10.0]}],
 }  # fmt: skip
 #: Columns of scores.csv that no two runs have in common.
@@ -37,14 +37,14 @@ class Work:
         prepare: makes its input in a folder. words: of the command, run there. again: commands that finish it after a stop, in this
             order until one ends with 0. result: what the finished work is known by, "" where there is none.
     Other arguments:
-        started: whether it needs a new process (`run_traced`). weight: share of the attempts.
+        first_thread: whether it starts threads and programs that are not traced (`run_traced`). weight: share of the attempts.
     """
 
     prepare: Callable[[Path], None]
     words: Callable[[Path], list[str]]
     again: Callable[[Path], list[list[str]]]
     result: Callable[[Path], str]
-    started: bool = False
+    first_thread: bool = False
     weight: int = 4
 
 
@@ -183,7 +183,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _generate(folder, "--overwrite"),
         lambda folder: [_generate(folder, "--overwrite")],
         _whole_store,
-        started=True,
+        first_thread=True,
         weight=3,
     ),
     "generate --resume": Work(
@@ -191,7 +191,7 @@ WORKS: dict[str, Work] = {
         _generate,
         lambda folder: [_generate(folder, "--resume"), _generate(folder)],
         _whole_store,
-        started=True,
+        first_thread=True,
         weight=3,
     ),
     "data repair": Work(
@@ -226,7 +226,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _run(folder, "run"),
         lambda folder: [_run(folder, "run", "--resume"), _run(folder, "run", "--overwrite"), _run(folder, "run")],
         _scored_rows,
-        started=True,
+        first_thread=True,
         weight=2,
     ),
     "run --overwrite (exchange)": Work(
@@ -234,7 +234,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _run(folder, "run", "--overwrite"),
         lambda folder: [_run(folder, "run", "--overwrite"), _run(folder, "run")],
         _scored_rows,
-        started=True,
+        first_thread=True,
         weight=2,
     ),
     "sweep --resume": Work(
@@ -246,7 +246,7 @@ WORKS: dict[str, Work] = {
             _run(folder, "sweep", "--budget", "3"),
         ],
         _tables("breakdown.csv", "failure_map.csv"),
-        started=True,
+        first_thread=True,
         weight=1,
     ),
 }

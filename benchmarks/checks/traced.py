@@ -53,14 +53,20 @@ def available() -> str:
 
 
 def preload() -> None:
-    """Load what the commands need, without anything that starts a thread."""
+    """Load what the commands need, without a thread of ours: the pools of OpenBLAS and Arrow, made by their import, outlive a fork."""
+    import pandas
+    import scipy.stats
     import xarray
     import zarr
 
     from ...captures import finalize, repair, verify
     from ...captures.store.writer import CaptureWriter
+    from ...generator import generate
+    from ...optics import jit
+    from .. import run
+    from ..search import sweep
 
-    assert all((xarray, zarr, finalize, repair, verify, CaptureWriter))
+    assert all((pandas, scipy.stats, xarray, zarr, finalize, repair, verify, CaptureWriter, generate, jit, run, sweep))
     _command(["--version"], sys.stderr.fileno())
 
 
@@ -98,7 +104,7 @@ def _run(words: Sequence[str], output: int) -> None:
 
 
 def run_traced(
-    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, started: bool = False
+    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, first_thread: bool = False
 ) -> Ended:
     """Run a command under strace.
 
@@ -106,15 +112,14 @@ def run_traced(
         words: of the command. folder: for the files of this function.
     Other arguments:
         inject: what happens at which call of a thread, such as "error=ENOSPC:when=7" or "signal=KILL:when=7" (strace, option
-            -e inject). calls: that are traced. started: start Python anew, for commands that start many threads,
-            of which the first alone is traced; else all threads are.
+            -e inject). calls: that are traced. first_thread: trace the first thread alone, for commands that start many and other
+            programs; else all are.
     """
     log, said = folder / "strace.log", folder / "said.log"
-    options = [*([] if started else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
+    options = [*([] if first_thread else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
     options += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
     with open(said, "w+b") as output:
-        run = _start if started else _attach
-        code, peak_bytes = run(words, options, output.fileno())
+        code, peak_bytes = _attach(words, options, output.fileno())
         output.seek(0)
         text = output.read().decode(errors="replace")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
@@ -128,23 +133,9 @@ def run_traced(
     return Ended(code, text, each, injected, peak_bytes)
 
 
-def _start(words: Sequence[str], options: list[str], output: int) -> tuple[int | None, int]:
-    """Run a command in a new process under strace; its exit code, None where it does not end in time, and its memory."""
-    command = ["strace", *options, sys.executable, "-m", "beambench", *words]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment, start_new_session=True
-    ) as tracer:
-        code, peak_bytes = _wait(tracer.pid)
-        if code is None:
-            os.killpg(tracer.pid, signal.SIGKILL)
-        else:
-            tracer.returncode = code  # it is waited for
-    return code, peak_bytes
-
-
 def _attach(words: Sequence[str], options: list[str], output: int) -> tuple[int | None, int]:
-    """Run a command in a forked process to which strace is attached; as `_start`."""
+    """Run a command in a forked process to which strace is attached; its exit code, None where it does not end in time, and its
+    memory."""
     begin_read, begin_write = os.pipe()
     pid = os.fork()
     if pid == 0:
