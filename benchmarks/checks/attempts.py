@@ -57,9 +57,11 @@ def peak_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-def shares(total: int, parts: int) -> list[int]:
-    """`total` attempts divided among `parts`, the first ones getting what is left over."""
-    return [total // parts + (index < total % parts) for index in range(parts)]
+def shares(total: int, weights: Iterable[float]) -> list[int]:
+    """`total` attempts divided by weight, the first parts getting what is left over."""
+    weights = list(weights)
+    parts = [int(total * weight / sum(weights)) for weight in weights]
+    return [part + (index < total - sum(parts)) for index, part in enumerate(parts)]
 
 
 def _rows(parts: Iterable[Attempts]) -> Iterator[str]:

@@ -58,8 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def fuzz(count: int, seed: int = 1, only: str = "") -> list[Attempts]:
     """`count` attempts, divided among the kinds of input whose name contains `only`."""
-    names = [name for name in SUBJECTS if only in name]
-    return [_part(name, share, seed) for name, share in zip(names, shares(count, len(names)), strict=True)]
+    weights = {name: subject.weight for name, subject in SUBJECTS.items() if only in name}
+    return [_part(name, share, seed) for name, share in zip(weights, shares(count, weights.values()), strict=True)]
 
 
 def _part(name: str, count: int, seed: int) -> Attempts:

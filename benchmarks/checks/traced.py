@@ -53,7 +53,7 @@ def available() -> str:
 
 
 def preload() -> None:
-    """Load what the commands need, without a thread of ours: the pools of OpenBLAS and Arrow, made by their import, outlive a fork."""
+    """Load what the commands need, without a thread of ours; the pools of OpenBLAS and Arrow outlive a fork."""
     import pandas
     import scipy.stats
     import xarray
