@@ -16,7 +16,7 @@ from typing import Any
 
 from .example_modalities import IMAGING
 
-__all__ = ["WORKS", "Work"]
+__all__ = ["OF_THE_MACHINE", "WORKS", "Work", "small_suite"]
 
 _SMALL = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4"]
 _SUITE = {
@@ -26,7 +26,7 @@ _SUITE = {
     "stresses": [{"axis": "photons", "values": [1000.0, 10.0]}],
 }  # fmt: skip
 #: Columns of scores.csv that no two runs have in common.
-_OF_THE_MACHINE = ("cpu_s", "wall_s", "throughput", "peak_bytes")
+OF_THE_MACHINE = ("cpu_s", "wall_s", "throughput", "peak_bytes")
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,11 @@ def _scored(folder: Path) -> None:
     (folder / "out" / "mine.txt").write_text("mine")
 
 
+def small_suite() -> dict[str, Any]:
+    """A suite of three captures of 4 × 4 pixels."""
+    return dict(_SUITE)
+
+
 def _suite(folder: Path) -> None:
     (folder / "suite.json").write_text(json.dumps(_SUITE))
 
@@ -158,7 +163,7 @@ def _scored_rows(folder: Path) -> str:
     if not tables or not file.is_file():
         return ""
     with open(file, encoding="utf-8", newline="") as lines:
-        rows = [{key: row[key] for key in row if key not in _OF_THE_MACHINE} for row in csv.DictReader(lines)]
+        rows = [{key: row[key] for key in row if key not in OF_THE_MACHINE} for row in csv.DictReader(lines)]
     return tables + hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 
