@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.checks import attempts, flips, fuzz, fuzz_subjects, interrupted_work, mutations, traced
+from beambench.benchmarks.folders.files import write_json, write_text
 from beambench.benchmarks.report.pairs import pairs_section
 from beambench.benchmarks.report.ranking import ranking_section
 from beambench.benchmarks.scores.tables import read_scores
@@ -69,6 +71,14 @@ def test_a_ranking_with_a_rank_that_is_no_number_is_refused(tmp_path: Path) -> N
         (tmp_path / name).write_text("\n".join([lines[0], ",".join(fields), *lines[2:]]))
         with pytest.raises(InputError, match="cannot be read"):
             ranking_section(tmp_path) if name == "ranking.csv" else pairs_section(tmp_path)
+
+
+def test_half_a_character_is_written_as_an_escape(tmp_path: Path) -> None:
+    """A page of a run whose record held one ended in a traceback."""
+    write_text(tmp_path / "page", "a\ud800")
+    write_json(tmp_path / "data", {"a\ud800": "\udcff"})
+    assert (tmp_path / "page").read_bytes() == rb"a\ud800"
+    assert json.loads((tmp_path / "data").read_text()) == {"a\ud800": "\udcff"}
 
 
 def test_flipped_bits_are_found_and_mended() -> None:
