@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..estimators.chain import is_built_in
 from ..scenes.errors import InputError
 from .folders.files import write_json
 from .folders.journal import Journal, without_nan
@@ -276,7 +277,7 @@ class _Run:
                 self.suite.limits,
                 spool.open / f"estimator-{number}",
                 hidden=(self.folder, spool.closed),
-                fresh_child=self.suite.new_child == "capture",
+                fresh_child=self.suite.new_child == "capture" and not is_built_in(chosen.name),
             )
             for number, (chosen, condition) in enumerate(asked)
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,10 @@ import numpy as np
 import pytest
 
 from beambench.benchmarks.checks import attempts, flips, fuzz, fuzz_subjects, interrupted_work, mutations, traced
+from beambench.benchmarks.folders.files import write_json, write_text
+from beambench.benchmarks.report.pairs import pairs_section
+from beambench.benchmarks.report.ranking import ranking_section
+from beambench.benchmarks.scores.tables import read_scores
 from beambench.benchmarks.suites.suite import load_suite
 from beambench.scenes.errors import InputError
 
@@ -43,6 +48,39 @@ def test_a_reader_that_fails_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert not note and told.startswith("ZeroDivisionError: planted")
 
 
+@pytest.mark.parametrize("seed", ["", "inf", "1.5", "-1", "1e30"])
+def test_a_table_with_a_seed_that_is_no_whole_number_is_refused(tmp_path: Path, seed: str) -> None:
+    fuzz_subjects.SUBJECTS["folders of runs"].make(tmp_path)
+    lines = (tmp_path / "scores.csv").read_text().splitlines()
+    at = lines[0].split(",").index("seed")
+    fields = lines[1].split(",")
+    fields[at] = seed
+    (tmp_path / "scores.csv").write_text("\n".join([lines[0], ",".join(fields), *lines[2:]]))
+    with pytest.raises(InputError, match="whole numbers"):
+        read_scores(tmp_path)
+
+
+def test_a_ranking_with_a_rank_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    fuzz_subjects.SUBJECTS["folders of runs"].make(tmp_path)
+    assert ranking_section(tmp_path) and pairs_section(tmp_path)
+    for name, old, new in (("ranking.csv", "rank_lo", "nan"), ("pairs.csv", "winner", None)):
+        lines = (tmp_path / name).read_text().splitlines()
+        at = lines[0].split(",").index(old)
+        fields = lines[1].split(",")
+        fields = fields[:at] if new is None else [*fields[:at], new, *fields[at + 1 :]]
+        (tmp_path / name).write_text("\n".join([lines[0], ",".join(fields), *lines[2:]]))
+        with pytest.raises(InputError, match="cannot be read"):
+            ranking_section(tmp_path) if name == "ranking.csv" else pairs_section(tmp_path)
+
+
+def test_half_a_character_is_written_as_an_escape(tmp_path: Path) -> None:
+    """A page of a run whose record held one ended in a traceback."""
+    write_text(tmp_path / "page", "a\ud800")
+    write_json(tmp_path / "data", {"a\ud800": "\udcff"})
+    assert (tmp_path / "page").read_bytes() == rb"a\ud800"
+    assert json.loads((tmp_path / "data").read_text()) == {"a\ud800": "\udcff"}
+
+
 def test_flipped_bits_are_found_and_mended() -> None:
     parts = flips.flips(15, seed=5)
     assert sum(part.tries for part in parts) >= 15 and not [told for part in parts for told in part.failures]
@@ -58,10 +96,11 @@ def test_the_table_counts_what_failed(capsys: pytest.CaptureFixture[str]) -> Non
     part = attempts.Attempts("a part")
     part.held("read")
     part.failed("for a reason")
+    part.used(3 * 2**20)
     assert attempts.print_attempts([part]) == 1
     told = capsys.readouterr().out
-    assert "| a part | 2 | 1 | 1 | 1 read |" in told and "for a reason" in told
-    assert attempts.shares(10, 3) == [4, 3, 3]
+    assert "| a part | 2 | 1 | 1 | 1 read | 3 |" in told and "for a reason" in told
+    assert attempts.shares(10, [1, 1, 1]) == [4, 3, 3] and attempts.shares(23, [1, 0.15, 1]) == [11, 2, 10]
 
 
 def test_the_suite_that_is_interrupted_is_one_and_its_result_is_of_no_times(tmp_path: Path) -> None:

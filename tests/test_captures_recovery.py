@@ -11,6 +11,7 @@ from beambench import cli
 from beambench.captures import CaptureWriter, finalize, open_captures, repair, verify, write
 from beambench.captures.example import example_capture
 from beambench.captures.store import verification
+from beambench.captures.store.journal import write_file
 from beambench.scenes.errors import InputError
 
 CHUNK = "counts/c.1.0.0.0"
@@ -165,3 +166,26 @@ def test_no_advice_names_a_verb_that_is_not_there(store: Path, tmp_path: Path) -
             open_captures(tmp_path / wrong)
         assert "import" not in str(caught.value)
     assert verification.chunk_problem(tmp_path / "none", (1, "00")) == "missing"
+
+
+def test_a_stop_between_the_writing_and_the_naming_of_metadata_is_in_no_repairs_way(store: Path) -> None:
+    """A killed repair left zarr.json.new, and every later one refused the store for a file that was not its own."""
+    for name in ("zarr.json", "counts/zarr.json"):
+        (store / name).write_bytes(b"{}")
+        (store / f"{name}.new").write_bytes(b'{"half')
+    (store / "mine.new").write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"mine\.new"):
+        repair(store)
+    (store / "mine.new").unlink()
+    assert set(repair(store).restored) >= {"zarr.json", "counts/zarr.json"}
+    assert verify(store) == []
+
+
+def test_metadata_that_cannot_be_written_leave_no_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_file(tmp_path / "zarr.json", b"{}")
+    assert not list(tmp_path.iterdir())

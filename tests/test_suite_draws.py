@@ -13,7 +13,8 @@ from beambench.benchmarks.judges.drawn import with_draws
 from beambench.benchmarks.laws.gated import clean_capture
 from beambench.benchmarks.scores.truth import Bound, Truth, refusal_error
 from beambench.benchmarks.suites.spec import Draw
-from beambench.benchmarks.suites.suite import cells_of, drawn_scene, load_suite
+from beambench.benchmarks.suites.suite import cells_of, drawn_scene, list_suites, load_suite
+from beambench.generator.generate import generate
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
 
@@ -82,6 +83,44 @@ def test_a_draw_may_be_of_some_scenes_only() -> None:
         name: {_depth(cell.scene) for cell in cells_of(loaded) if cell.scene_name == name} for name, _ in loaded.scenes
     }
     assert len(depths["flat-wall"]) == 3 and len(depths["tilted-wall"]) == 1
+
+
+#: Built-in suites whose captures are of scenes that stand still, and why (docs/stress-and-breakdown.md).
+STILL = {
+    "laser-line-calibration": "what is estimated is the rig", "laser-line-spectrum": "seafloors of their source",
+    "laser-tank": "data sets of their source", "learned-training": "for training", "learned-scatter": "for training",
+    "wavefront": "the generator draws turbulence", "wavefront-turbulence": "the generator draws turbulence",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in list_suites() if not name.startswith("stress-") and name not in STILL]
+)
+def test_a_suite_of_a_ranking_draws_every_scene_and_its_rig_does_not_tell(name: str) -> None:
+    loaded = load_suite(name)
+    seen = {scene for scene, held in loaded.scenes if held.target and held.modality != "wavefront"}
+    cells = [cell for split in ("dev", "test") for cell in cells_of(loaded, split) if cell.scene_name in seen]
+    for scene in seen:
+        found = {cell.seed: cell.scene for cell in cells if cell.scene_name == scene and cell.stress == "none"}
+        assert len({held.rig.model_dump_json() for held in found.values()}) == 1
+        assert len({_depth(held) for held in found.values()}) == len(found) > 1
+    levels = {cell.stress for cell in cells} - {"none"}
+    assert loaded.suite.new_child == "capture" or not levels, "a plug-in would see one pose at several levels"
+
+
+def test_the_truth_of_a_wavefront_is_another_for_every_seed_and_level() -> None:
+    """Slopes of two captures have nothing in common: two thirds of 2 · var or more lies between them."""
+    changes = {"rig.lenslets.across": 10, "rig.pupil.diameter_m": 1.5e-3, "rig.pupil.modes": 21, "rig.camera.rows": 96}
+    loaded = load_suite("wavefront", {**changes, "rig.camera.cols": 96, "rig.frames.count": 16})
+    wanted = [cell for cell in cells_of(loaded) if cell.stress == "none" or cell.level == 1.0]
+    slopes = []
+    for cell in wanted:
+        made = generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity="geometric", rtol=1e-3)
+        slopes.append(made["truth_slope"].values)
+    assert len(slopes) == 4
+    for i, one in enumerate(slopes):
+        for two in slopes[:i]:
+            assert ((one - two) ** 2).mean() > (2.0 / 3.0) * (one.var() + two.var())
 
 
 def test_turned_objects_are_turned_further() -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import resource
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-__all__ = ["Attempts", "print_attempts", "shares"]
+__all__ = ["Attempts", "peak_memory", "print_attempts", "shares"]
 
 
 @dataclass
@@ -16,13 +17,19 @@ class Attempts:
     Main arguments:
         part: its name. tries: attempts made. failures: one line for each that did not hold.
     Other arguments:
-        notes: {name: count} of what else was counted, such as "refused".
+        notes: {name: count} of what else was counted, such as "refused". peak_bytes: most memory of a process of an attempt, 0
+            where it was not measured.
     """
 
     part: str
     tries: int = 0
     failures: list[str] = field(default_factory=list)
     notes: dict[str, int] = field(default_factory=dict)
+    peak_bytes: int = 0
+
+    def used(self, peak_bytes: int) -> None:
+        """Take note of the most resident memory of a process of an attempt."""
+        self.peak_bytes = max(self.peak_bytes, peak_bytes)
 
     def held(self, note: str = "") -> None:
         """Count an attempt that held."""
@@ -45,20 +52,29 @@ class Attempts:
             print(f"{self.part}: {self.tries} tries, {len(self.failures)} failed; {told}", file=sys.stderr, flush=True)
 
 
-def shares(total: int, parts: int) -> list[int]:
-    """`total` attempts divided among `parts`, the first ones getting what is left over."""
-    return [total // parts + (index < total % parts) for index in range(parts)]
+def peak_memory() -> int:
+    """The most resident memory that this process had, in bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def shares(total: int, weights: Iterable[float]) -> list[int]:
+    """`total` attempts divided by weight, the first parts getting what is left over."""
+    weights = list(weights)
+    parts = [int(total * weight / sum(weights)) for weight in weights]
+    return [part + (index < total - sum(parts)) for index, part in enumerate(parts)]
 
 
 def _rows(parts: Iterable[Attempts]) -> Iterator[str]:
-    yield "| part | tries | held | failed | of those that held |"
-    yield "|---|---|---|---|---|"
+    yield "| part | tries | held | failed | of those that held | peak MiB |"
+    yield "|---|---|---|---|---|---|"
     tries = failed = 0
     for part in parts:
         notes = ", ".join(f"{count} {name}" for name, count in sorted(part.notes.items()))
-        yield f"| {part.part} | {part.tries:,} | {part.tries - len(part.failures):,} | {len(part.failures)} | {notes} |"
+        peak = f"{part.peak_bytes / 2**20:,.0f}" if part.peak_bytes else ""
+        held = part.tries - len(part.failures)
+        yield f"| {part.part} | {part.tries:,} | {held:,} | {len(part.failures)} | {notes} | {peak} |"
         tries, failed = tries + part.tries, failed + len(part.failures)
-    yield f"| all | {tries:,} | {tries - failed:,} | {failed} | |"
+    yield f"| all | {tries:,} | {tries - failed:,} | {failed} | | |"
 
 
 def print_attempts(parts: list[Attempts]) -> int:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ...scenes.errors import InputError
-from .attempts import Attempts, print_attempts
+from .attempts import Attempts, peak_memory, print_attempts
 from .fuzz_subjects import SUBJECTS
 
 __all__ = ["flips", "main"]
@@ -80,6 +80,7 @@ def _part(name: str, subject: str, judge: Judge, count: int, rng: np.random.Gene
                 part.failed(f"{where}: {error}")
             except Exception as error:
                 part.failed(f"{where}: {type(error).__name__}: {str(error)[:150]}")
+            part.used(peak_memory())
             shutil.rmtree(work)
     return part
 

@@ -27,7 +27,7 @@ from types import FrameType
 
 import numpy as np
 
-from .attempts import Attempts, print_attempts, shares
+from .attempts import Attempts, peak_memory, print_attempts, shares
 from .fuzz_subjects import SUBJECTS
 
 __all__ = ["fuzz", "main"]
@@ -58,8 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def fuzz(count: int, seed: int = 1, only: str = "") -> list[Attempts]:
     """`count` attempts, divided among the kinds of input whose name contains `only`."""
-    names = [name for name in SUBJECTS if only in name]
-    return [_part(name, share, seed) for name, share in zip(names, shares(count, len(names)), strict=True)]
+    weights = {name: subject.weight for name, subject in SUBJECTS.items() if only in name}
+    return [_part(name, share, seed) for name, share in zip(weights, shares(count, weights.values()), strict=True)]
 
 
 def _part(name: str, count: int, seed: int) -> Attempts:
@@ -93,7 +93,8 @@ def _batch(part: Attempts, name: str, first: int, count: int, seed: int) -> int:
                 if not line:
                     break
                 at += 1
-                note, told = json.loads(line)
+                note, told, peak_bytes = json.loads(line)
+                part.used(peak_bytes)
                 part.failed(f"attempt {at - 1}: {told}") if told else part.held(note)
             else:
                 child.kill()
@@ -126,7 +127,8 @@ def _child(name: str, first: int, count: int, seed: int) -> None:
             note, told = _attempt(name, work)
             shutil.rmtree(work)
             beside = set(os.listdir(base)) - {"sound", "first", "guard", "capture-of-the-cache"}
-            print(json.dumps((note, told or (f"files beside its folder: {beside}" if beside else ""))), flush=True)
+            told = told or (f"files beside its folder: {beside}" if beside else "")
+            print(json.dumps((note, told, peak_memory())), flush=True)
 
 
 def _hang(number: int, frame: FrameType | None) -> None:
@@ -159,8 +161,7 @@ def _attempt(name: str, work: Path) -> tuple[str, str]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
     # The peak of the whole process: the attempt that passes the limit is the first one that tells so.
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    if peak > _MEMORY_BYTES:
+    if peak_memory() > _MEMORY_BYTES:
         os._exit(99)
     return note, ""
 

@@ -25,11 +25,14 @@ class Subject:
 
     Main arguments:
         make: writes a sound example into a folder. change: alters it. read: what a verb does with it.
+    Other arguments:
+        weight: share of the attempts, smaller where one takes long.
     """
 
     make: Callable[[Path], None]
     change: Callable[[Path, np.random.Generator], None]
     read: Callable[[Path], None]
+    weight: float = 1.0
 
 
 def any_file(folder: Path, rng: np.random.Generator) -> None:

@@ -169,11 +169,19 @@ def _row(seed: int, estimator: str) -> dict[str, Any]:
 def _results(folder: Path) -> None:
     from ..folders.files import write_json
     from ..folders.journal import Journal
+    from ..runner.costs import COST_COLUMNS, write_costs
     from ..scores.error_tiles import write_tiles
+    from ..scores.inputs import INPUT_COLUMNS, write_inputs
     from ..scores.tables import write_tables
 
     rows = [_row(seed, name) for seed in (1, 2) for name in ("peak", "parabola")]
     write_tables(folder, rows)
+    costs = dict.fromkeys(COST_COLUMNS, 0.5) | {"source": "measured", "elements": 12, "calls": 3}
+    write_costs(
+        folder, [costs | {name: row[name] for name in row if name in costs and name != "cpu_s"} for row in rows]
+    )
+    key = {name: str(rows[0][name]) for name in INPUT_COLUMNS[:-1]}
+    write_inputs(folder, [{**key, "sha256": "ab" * 32}])
     journal = Journal(folder, "h", verb="run")
     for row in rows:
         journal.add(("flat-wall", str(row["seed"]), row["estimator"]), [row])
@@ -212,8 +220,12 @@ def _read_results(folder: Path) -> None:
     from ..folders.kinds import verb_in
     from ..report.compare import compare_tables
     from ..report.data import cells_of, read_run
+    from ..report.pairs import pairs_section
     from ..report.pictures import read_pictures
+    from ..report.ranking import ranking_section
+    from ..runner.costs import read_costs
     from ..scores.error_tiles import read_tiles
+    from ..scores.inputs import read_inputs
     from ..scores.tables import read_scores
 
     verb_in(folder)
@@ -226,7 +238,17 @@ def _read_results(folder: Path) -> None:
         lambda: compare_tables(folder, folder),
         lambda: read_tiles(folder),
         lambda: read_pictures(folder / "pictures"),
+        lambda: ranking_section(folder),
+        lambda: pairs_section(folder),
+        lambda: read_costs(folder),
+        lambda: read_inputs(folder),
     )
+
+
+def _read_page(folder: Path) -> None:
+    from ..report.page import write_report
+
+    write_report(folder)
 
 
 def _cache(folder: Path) -> None:
@@ -307,6 +329,7 @@ SUBJECTS: dict[str, Subject] = {
     "unfinished stores": Subject(_unfinished, _hostile_journal, _read_unfinished),
     "estimates (HDF5)": Subject(_estimates, any_file, _read_estimates),
     "folders of runs": Subject(_results, json_file, _read_results),
+    "pages of runs": Subject(_results, json_file, _read_page, weight=0.15),
     "journals of runs": Subject(_journals, any_file, _read_journal),
     "caches": Subject(_cache, any_file, _read_cache),
     "plans of exchanges": Subject(_plans, _change_plan, _read_plan),

@@ -344,13 +344,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, case in CASES.items():
         if given.only in name:
             part = parts.setdefault(name.partition(":")[0], Attempts(name.partition(":")[0]))
-            problem = _run(case)
+            problem, peak_bytes = _run(case)
+            part.used(peak_bytes)
             part.failed(f"{name}: {problem}") if problem else part.held()
     return print_attempts(list(parts.values()))
 
 
-def _run(case: Case) -> str:
-    """Why a case did not hold, or ""."""
+def _run(case: Case) -> tuple[str, int]:
+    """(why a case did not hold, or "", its most resident memory in bytes)."""
     with tempfile.TemporaryDirectory(prefix="beambench-hostile-") as place:
         words = case(Path(place))
         start = time.monotonic()
@@ -368,15 +369,14 @@ def _run(case: Case) -> str:
                 if time.monotonic() - start > _MOST_S:
                     child.kill()
                     child.wait()
-                    return f"over {_MOST_S:g} s"
+                    return f"over {_MOST_S:g} s", 0
                 time.sleep(0.02)
             told.seek(0)
             text = told.read().decode(errors="replace")
-        if child.returncode != 2 or "Traceback" in text:
-            return f"exit {child.returncode}: {text.strip()[-200:]!r}"
-        if usage.ru_maxrss * 1024 > _MOST_BYTES:
-            return f"{usage.ru_maxrss / 2**20:.1f} GiB"
-    return ""
+    peak_bytes = usage.ru_maxrss * 1024
+    if child.returncode != 2 or "Traceback" in text:
+        return f"exit {child.returncode}: {text.strip()[-200:]!r}", peak_bytes
+    return f"{peak_bytes / 2**30:.1f} GiB" if peak_bytes > _MOST_BYTES else "", peak_bytes
 
 
 if __name__ == "__main__":

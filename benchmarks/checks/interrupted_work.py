@@ -16,17 +16,17 @@ from typing import Any
 
 from .example_modalities import IMAGING
 
-__all__ = ["WORKS", "Work"]
+__all__ = ["OF_THE_MACHINE", "WORKS", "Work", "small_suite"]
 
 _SMALL = ["--set", "rig.camera.rows=4", "--set", "rig.camera.cols=4"]
 _SUITE = {
     "schema_version": 1, "suite": "small", "version": 1, "title": "small", "conditions": ["matched"],
     "scenes": [{"scene": "flat-wall", "overrides": {"rig.camera.rows": 4, "rig.camera.cols": 4}}],
-    "estimators": ["peak", "weighted-average"], "fidelity": "direct", "rtol": 1e-3, "seeds": {"dev": [1], "test": [2, 3]},
+    "estimators": ["peak", "weighted-average"], "fidelity": "direct", "rtol": 1e-3, "seeds": {"dev": [1], "test": [2]},
     "stresses": [{"axis": "photons", "values": [1000.0, 10.0]}],
 }  # fmt: skip
 #: Columns of scores.csv that no two runs have in common.
-_OF_THE_MACHINE = ("cpu_s", "wall_s", "throughput", "peak_bytes")
+OF_THE_MACHINE = ("cpu_s", "wall_s", "throughput", "peak_bytes")
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class Work:
         prepare: makes its input in a folder. words: of the command, run there. again: commands that finish it after a stop, in this
             order until one ends with 0. result: what the finished work is known by, "" where there is none.
     Other arguments:
-        started: whether it needs a new process (`run_traced`). weight: share of the attempts.
+        first_thread: whether it starts threads and programs that are not traced (`run_traced`). weight: share of the attempts.
     """
 
     prepare: Callable[[Path], None]
     words: Callable[[Path], list[str]]
     again: Callable[[Path], list[list[str]]]
     result: Callable[[Path], str]
-    started: bool = False
+    first_thread: bool = False
     weight: int = 4
 
 
@@ -116,6 +116,11 @@ def _scored(folder: Path) -> None:
     (folder / "out" / "mine.txt").write_text("mine")
 
 
+def small_suite() -> dict[str, Any]:
+    """A suite of three captures of 4 × 4 pixels."""
+    return dict(_SUITE)
+
+
 def _suite(folder: Path) -> None:
     (folder / "suite.json").write_text(json.dumps(_SUITE))
 
@@ -158,7 +163,7 @@ def _scored_rows(folder: Path) -> str:
     if not tables or not file.is_file():
         return ""
     with open(file, encoding="utf-8", newline="") as lines:
-        rows = [{key: row[key] for key in row if key not in _OF_THE_MACHINE} for row in csv.DictReader(lines)]
+        rows = [{key: row[key] for key in row if key not in OF_THE_MACHINE} for row in csv.DictReader(lines)]
     return tables + hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 
@@ -183,7 +188,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _generate(folder, "--overwrite"),
         lambda folder: [_generate(folder, "--overwrite")],
         _whole_store,
-        started=True,
+        first_thread=True,
         weight=3,
     ),
     "generate --resume": Work(
@@ -191,7 +196,7 @@ WORKS: dict[str, Work] = {
         _generate,
         lambda folder: [_generate(folder, "--resume"), _generate(folder)],
         _whole_store,
-        started=True,
+        first_thread=True,
         weight=3,
     ),
     "data repair": Work(
@@ -226,7 +231,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _run(folder, "run"),
         lambda folder: [_run(folder, "run", "--resume"), _run(folder, "run", "--overwrite"), _run(folder, "run")],
         _scored_rows,
-        started=True,
+        first_thread=True,
         weight=2,
     ),
     "run --overwrite (exchange)": Work(
@@ -234,7 +239,7 @@ WORKS: dict[str, Work] = {
         lambda folder: _run(folder, "run", "--overwrite"),
         lambda folder: [_run(folder, "run", "--overwrite"), _run(folder, "run")],
         _scored_rows,
-        started=True,
+        first_thread=True,
         weight=2,
     ),
     "sweep --resume": Work(
@@ -246,7 +251,7 @@ WORKS: dict[str, Work] = {
             _run(folder, "sweep", "--budget", "3"),
         ],
         _tables("breakdown.csv", "failure_map.csv"),
-        started=True,
+        first_thread=True,
         weight=1,
     ),
 }

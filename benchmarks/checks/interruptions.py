@@ -72,8 +72,8 @@ def _part(name: str, work: Work, kind: str, count: int, rng: np.random.Generator
         sound.mkdir()
         _forked(partial(work.prepare, sound))
         shutil.copytree(sound, work_folder)
-        calls = NAMES if work.started else CALLS
-        first = run_traced(work.words(work_folder), base, calls=calls, started=work.started)
+        calls = NAMES if work.first_thread else CALLS
+        first = run_traced(work.words(work_folder), base, calls=calls, first_thread=work.first_thread)
         expected, reach = work.result(work_folder), first.each
         if first.code != 0 or not expected:
             part.failed(f"undisturbed: exit {first.code}: {first.text[-200:]!r}")
@@ -87,8 +87,9 @@ def _part(name: str, work: Work, kind: str, count: int, rng: np.random.Generator
             how = (
                 f"signal=KILL:when={when}" if kind == "kills" else _FAULTS[int(rng.integers(len(_FAULTS)))].format(when)
             )
-            ended = run_traced(work.words(work_folder), base, inject=how, calls=(call,), started=work.started)
-            problem = _problem(work, kind, ended, expected, work_folder, base)
+            ended = run_traced(work.words(work_folder), base, inject=how, calls=(call,), first_thread=work.first_thread)
+            part.used(ended.peak_bytes)
+            problem = _problem(work, kind, ended, expected, work_folder, base, part)
             told = f"attempt {number}, {call} {how}: {problem}"
             part.failed(told) if problem else part.held(_note(kind, ended))
     return part
@@ -116,7 +117,7 @@ def _note(kind: str, ended: Ended) -> str:
     return "killed" if kind == "kills" else f"exit {ended.code}"
 
 
-def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, base: Path) -> str:
+def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, base: Path, part: Attempts) -> str:
     """Why an attempt did not hold, or ""."""
     if ended.code is None:
         return "it hung"
@@ -130,7 +131,8 @@ def _problem(work: Work, kind: str, ended: Ended, expected: str, folder: Path, b
     finished = []
     if ended.code != 0:
         for words in work.again(folder):
-            done = run_traced(words, base, calls=("mkdir",), started=work.started)
+            done = run_traced(words, base, calls=("mkdir",), first_thread=work.first_thread)
+            part.used(done.peak_bytes)
             finished.append(f"{' '.join(words[:2])}: exit {done.code}: {done.text[-250:]!r}")
             if done.code == 0 and work.result(folder) == expected:
                 break

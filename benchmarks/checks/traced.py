@@ -14,14 +14,15 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["CALLS", "NAMES", "Ended", "available", "preload", "run_traced"]
+__all__ = ["CALLS", "NAMES", "Ended", "available", "preload", "run_forked", "run_traced"]
 
 #: System calls by which files are made, changed and removed.
 CALLS = (
@@ -34,12 +35,14 @@ _MOST_S = 240.0
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls by name, faults injected."""
+    """How a command ended: exit code (negative: by a signal; None: it hung), what it printed, calls by name, faults injected, and
+    the most resident memory of it and of the processes that it waited for, in bytes."""
 
     code: int | None
     text: str
     each: dict[str, int]
     injected: int
+    peak_bytes: int = 0
 
 
 def available() -> str:
@@ -51,14 +54,20 @@ def available() -> str:
 
 
 def preload() -> None:
-    """Load what the commands need, without anything that starts a thread."""
+    """Load what the commands need, without a thread of ours; the pools of OpenBLAS and Arrow outlive a fork."""
+    import pandas
+    import scipy.stats
     import xarray
     import zarr
 
     from ...captures import finalize, repair, verify
     from ...captures.store.writer import CaptureWriter
+    from ...generator import generate
+    from ...optics import jit
+    from .. import run
+    from ..search import sweep
 
-    assert all((xarray, zarr, finalize, repair, verify, CaptureWriter))
+    assert all((pandas, scipy.stats, xarray, zarr, finalize, repair, verify, CaptureWriter, generate, jit, run, sweep))
     _command(["--version"], sys.stderr.fileno())
 
 
@@ -95,8 +104,27 @@ def _run(words: Sequence[str], output: int) -> None:
         os._exit(code)
 
 
+def run_forked(words: Sequence[str], folder: Path, *, environment: Mapping[str, str] | None = None) -> Ended:
+    """Run a command in a forked process, without strace; `environment`: variables of it and of what it starts."""
+    said = folder / "said.log"
+    with open(said, "w+b") as output:
+        pid = os.fork()
+        if pid == 0:
+            os.environ.update(environment or {})
+            tempfile.tempdir = None  # TMPDIR is read anew
+            _run(words, output.fileno())
+        code, peak_bytes = _wait(pid)
+        if code is None:
+            os.killpg(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+        output.seek(0)
+        text = output.read().decode(errors="replace")
+    said.unlink()
+    return Ended(code, text, {}, 0, peak_bytes)
+
+
 def run_traced(
-    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, started: bool = False
+    words: Sequence[str], folder: Path, *, inject: str = "", calls: Sequence[str] = CALLS, first_thread: bool = False
 ) -> Ended:
     """Run a command under strace.
 
@@ -104,14 +132,14 @@ def run_traced(
         words: of the command. folder: for the files of this function.
     Other arguments:
         inject: what happens at which call of a thread, such as "error=ENOSPC:when=7" or "signal=KILL:when=7" (strace, option
-            -e inject). calls: that are traced. started: start Python anew, for commands that start many threads,
-            of which the first alone is traced; else all threads are.
+            -e inject). calls: that are traced. first_thread: trace the first thread alone, for commands that start many and other
+            programs; else all are.
     """
     log, said = folder / "strace.log", folder / "said.log"
-    options = [*([] if started else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
+    options = [*([] if first_thread else ["-f"]), "-o", str(log), "-e", f"trace={','.join(calls)}"]
     options += ["-e", f"inject={','.join(calls)}:{inject}"] if inject else []
     with open(said, "w+b") as output:
-        code = _start(words, options, output.fileno()) if started else _attach(words, options, output.fileno())
+        code, peak_bytes = _attach(words, options, output.fileno())
         output.seek(0)
         text = output.read().decode(errors="replace")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
@@ -122,25 +150,12 @@ def run_traced(
     each: dict[str, int] = {}
     for (_, name), count in threads.items():
         each[name] = max(each.get(name, 0), count)
-    return Ended(code, text, each, injected)
+    return Ended(code, text, each, injected, peak_bytes)
 
 
-def _start(words: Sequence[str], options: list[str], output: int) -> int | None:
-    """Run a command in a new process under strace; its exit code, None where it does not end in time."""
-    command = ["strace", *options, sys.executable, "-m", "beambench", *words]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment, start_new_session=True
-    ) as tracer:
-        try:
-            return tracer.wait(timeout=_MOST_S)
-        except subprocess.TimeoutExpired:
-            os.killpg(tracer.pid, signal.SIGKILL)
-            return None
-
-
-def _attach(words: Sequence[str], options: list[str], output: int) -> int | None:
-    """Run a command in a forked process to which strace is attached; its exit code, None where it does not end in time."""
+def _attach(words: Sequence[str], options: list[str], output: int) -> tuple[int | None, int]:
+    """Run a command in a forked process to which strace is attached; its exit code, None where it does not end in time, and its
+    memory."""
     begin_read, begin_write = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -154,7 +169,7 @@ def _attach(words: Sequence[str], options: list[str], output: int) -> int | None
         tracer.stderr.readline()  # "strace: Process N attached"
         os.write(begin_write, b"x")
         os.close(begin_write)
-        code = _wait(pid)
+        code, peak_bytes = _wait(pid)
         if code is None:
             os.killpg(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
@@ -163,15 +178,15 @@ def _attach(words: Sequence[str], options: list[str], output: int) -> int | None
             tracer.wait(timeout=10)
         except subprocess.TimeoutExpired:
             tracer.kill()
-    return code
+    return code, peak_bytes
 
 
-def _wait(pid: int) -> int | None:
-    """The exit code of a process, None where it does not end in time."""
+def _wait(pid: int) -> tuple[int | None, int]:
+    """The exit code of a process, None where it does not end in time, and its peak of resident memory in bytes."""
     deadline = time.monotonic() + _MOST_S
     while time.monotonic() < deadline:
-        done, status = os.waitpid(pid, os.WNOHANG)
+        done, status, usage = os.wait4(pid, os.WNOHANG)
         if done:
-            return os.waitstatus_to_exitcode(status)
+            return os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024
         time.sleep(0.005)
-    return None
+    return None, 0

@@ -44,10 +44,10 @@ def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text, atomically."""
+    """Write UTF-8 text, atomically; lone surrogates, which it does not have, as backslash escapes (which JSON reads again)."""
 
     def write(partial: Path) -> None:
-        partial.write_bytes(text.encode("utf-8"))
+        partial.write_bytes(text.encode("utf-8", "backslashreplace"))
 
     write_atomic(path, write)
 

@@ -30,7 +30,7 @@ def read_rungs(folder: Path) -> list[dict[str, Any]]:
         InputError: the file is not such a table.
     """
     for path in (folder / "fidelity.csv", folder / "fidelity" / "fidelity.csv"):
-        rows = read_numbers(path, _NUMBERS, "The table of rungs")
+        rows = read_numbers(path, _NUMBERS, "The table of rungs", texts=("scene", "rung"))
         if rows:
             return rows
     return []
@@ -42,8 +42,8 @@ def rungs_spec(rows: list[dict[str, Any]], *, page: bool) -> dict[str, Any] | No
 
     points: dict[tuple[str, str], dict[str, Any]] = {}
     for row in rows:  # a scene has a row per rung and limit, with the same error
-        if row["cpu_s"] > 0 and row["rel_error"] == row["rel_error"]:
-            low, high = (row[k] if row[k] == row[k] else row["rel_error"] for k in ("lo", "hi"))
+        if 0 < row["cpu_s"] < math.inf and math.isfinite(row["rel_error"]):
+            low, high = (row[k] if math.isfinite(row[k]) else row["rel_error"] for k in ("lo", "hi"))
             points[row["scene"], row["rung"]] = {
                 "cost": row["cpu_s"], "error": max(row["rel_error"], _FLOOR), "lo": max(low, _FLOOR),
                 "hi": max(high, _FLOOR), "rung": row["rung"], "scene": row["scene"], "shown": rate(row["rel_error"]),

@@ -25,7 +25,8 @@ def pairs_section(folder: Path) -> list[dict[str, Any]]:
         InputError: pairs.csv is not such a table.
     """
     groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for row in read_numbers(folder / "pairs.csv", _NUMBERS, "The table of pairs"):
+    texts = (*_GROUP, "a", "b", "winner")
+    for row in read_numbers(folder / "pairs.csv", _NUMBERS, "The table of pairs", texts=texts):
         if not row["quantity"].endswith("-mixed"):
             groups.setdefault(tuple(row[name] for name in _GROUP), []).append(row)
     return [_matrix(key, rows) for key, rows in groups.items()]
@@ -40,7 +41,7 @@ def _matrix(key: tuple[str, ...], rows: list[dict[str, Any]]) -> dict[str, Any]:
         cells[a, b] = _cell(ratio, row["ratio_lo"], row["ratio_hi"], row, a)
         turned, low, high = (1 / v if v else math.nan for v in (ratio, row["ratio_hi"], row["ratio_lo"]))
         cells[b, a] = _cell(turned, low, high, row, b)
-        if ratio > 0:
+        if 0 < ratio < math.inf:
             score[a] += math.log(ratio)
             score[b] -= math.log(ratio)
     order = sorted(names, key=lambda name: score[name])

@@ -17,6 +17,7 @@ _NUMBERS = (
     "coverage_hi", "profile_best", "profile_area",
 )  # fmt: skip
 
+_WHOLE = ("scenes", "rank_lo", "rank_hi")
 _PAIR_NUMBERS = ("scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm")
 
 
@@ -26,7 +27,7 @@ def read_ranking(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: the file is not such a table.
     """
-    return read_numbers(folder / "ranking.csv", _NUMBERS, "The ranking")
+    return read_numbers(folder / "ranking.csv", _NUMBERS, "The ranking", texts=(*_GROUP, "estimator"), whole=_WHOLE)
 
 
 def read_pairs(folder: Path) -> list[dict[str, Any]]:
@@ -35,7 +36,7 @@ def read_pairs(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: the file is not such a table.
     """
-    return read_numbers(folder / "pairs.csv", _PAIR_NUMBERS, "The table of pairs")
+    return read_numbers(folder / "pairs.csv", _PAIR_NUMBERS, "The table of pairs", texts=(*_GROUP, "a", "b", "winner"))
 
 
 def ranking_section(folder: Path) -> list[dict[str, Any]]:

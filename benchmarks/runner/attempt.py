@@ -27,7 +27,7 @@ from ...captures.layouts import layout_of, stage_of, stages
 from ...scenes.plain_text import plain_text
 from ..suites.spec import Limits
 from . import tree
-from .house import HOUSE
+from .house import HOUSE, machine_failure
 from .job import Job, Outcome
 from .patience import Patience
 from .process import Child
@@ -199,10 +199,19 @@ def _told(child: Child, job: Job, event: dict[str, Any], wanted: str) -> bool:
     if kind == "refused":
         raise _Over(_outcome(child, job, REFUSED + _line(event)), False)
     if kind == "house":
-        raise _Over(_outcome(child, job, HOUSE + _line(event)), False)
+        raise _Over(_outcome(child, job, _blamed(child) + _line(event)), False)
     if kind in ("error", "memory", "invalid", "skip"):
         raise _Over(_outcome(child, job, f"{kind}: {_line(event)}"), True)
     raise _broken(child, job)
+
+
+def _blamed(child: Child) -> str:
+    """Whose failure it is that a child calls the machine's: the machine's, but a plug-in's where the runner finds it sound."""
+    if child.plugin:
+        child.end(kill=True)
+        child.clear()
+        return "error: " if not machine_failure(child.folder) else HOUSE
+    return HOUSE
 
 
 def _within(child: Child, job: Job, limits: Limits, patience: Patience) -> None:

@@ -65,7 +65,8 @@ def read_costs(folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: the file is not such a table.
     """
-    rows = read_numbers(folder / "costs.csv", ("elements", "calls", *_OLD_TIMES), "The table of costs")
+    texts = (*_KEY, "source")
+    rows = read_numbers(folder / "costs.csv", ("elements", "calls", *_OLD_TIMES), "The table of costs", texts=texts)
     for row in rows:  # tables of before version 4 hold no first calls
         for name in _FIRST:
             try:

@@ -25,6 +25,7 @@ from . import tree
 from .jail import OFF, abi, readable
 from .namespaces import works
 from .protocol import THREAD_VARIABLES
+from .removal import remove
 
 __all__ = ["Child", "child_environment", "jail_rules"]
 
@@ -109,7 +110,7 @@ class Child:
     """A started child and its pipes."""
 
     def __init__(self, label: str, folder: Path, *, hidden: Iterable[Path] = ()) -> None:
-        self.token = secrets.token_hex(16)
+        self.token, self.folder = secrets.token_hex(16), folder
         rules = jail_rules(label, folder, hidden)
         self.jobs, theirs = socket.socketpair()
         events_read, events_write = os.pipe()
@@ -124,7 +125,10 @@ class Child:
         ]
         (folder / "tmp").mkdir(parents=True, exist_ok=True)
         environment = child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token}
-        if cache := own_cache(label):
+        cache = own_cache(label)
+        #: Whether it runs code that is not of this package.
+        self.plugin = cache is not None
+        if cache:
             environment["XDG_CACHE_HOME"] = str(cache)
         try:
             self.process = subprocess.Popen(
@@ -224,6 +228,10 @@ class Child:
             with contextlib.suppress(psutil.Error, OSError):
                 if process.environ().get(_TOKEN) == self.token:
                     process.kill()
+
+    def clear(self) -> None:
+        """Remove what an ended child left in its folder, and the answers beside it."""
+        remove(self.folder.parent)
 
     def end(self, *, kill: bool) -> int:
         """Close the pipes, wait for the child or kill it with its descendants, and return its exit code."""

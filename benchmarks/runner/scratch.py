@@ -11,12 +11,13 @@ import fcntl
 import os
 import re
 import secrets
-import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from .removal import remove
 
 __all__ = ["LOCK", "scratch_folder", "sweep"]
 
@@ -48,9 +49,9 @@ def scratch_folder(kind: str) -> Iterator[Path]:
             os.close(handle)
     finally:
         try:
-            shutil.rmtree(folder, ignore_errors=True)
+            remove(folder)
         except BaseException:  # a signal, which passes on when the rest is removed
-            shutil.rmtree(folder, ignore_errors=True)
+            remove(folder)
             raise
 
 
@@ -70,7 +71,7 @@ def sweep() -> list[Path]:
             handle = os.open(folder / LOCK, os.O_RDWR | os.O_NOFOLLOW)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
+                remove(folder)
                 removed.append(folder)
             finally:
                 os.close(handle)

@@ -7,7 +7,6 @@ captures.
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ from .attempt import REFUSED, attempt
 from .house import HOUSE, house_error
 from .job import Job, Outcome
 from .process import Child
+from .removal import remove
 
 __all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
 
@@ -89,10 +89,10 @@ class Session:
             if not outcome.status.startswith(GAVE_UP):
                 exceeded = exceeded + 1 if outcome.status.startswith(("timeout:", "memory:")) else 0
             on_outcome(outcome)
-            shutil.rmtree(self._answer(job), ignore_errors=True)
+            remove(self._answer(job))
             if self.fresh_child:
                 self.close()
-                shutil.rmtree(self.scratch, ignore_errors=True)
+                remove(self.scratch)
 
     def close(self, *, kill: bool = False) -> None:
         """End the child, and kill it if it does not end."""

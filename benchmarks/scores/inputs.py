@@ -39,5 +39,5 @@ def read_inputs(folder: Path) -> dict[tuple[str, ...], str]:
     Raises:
         InputError: the file is not such a table.
     """
-    rows = read_numbers(folder / "inputs.csv", (), "The table of inputs")
+    rows = read_numbers(folder / "inputs.csv", (), "The table of inputs", texts=INPUT_COLUMNS)
     return {tuple(str(row[name]) for name in INPUT_COLUMNS[:-1]): str(row["sha256"]) for row in rows}

@@ -86,10 +86,11 @@ def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
 def read_scores(path: str | Path) -> pd.DataFrame:
     """Read a score table from the folder of a run, or from scores.csv or scores.parquet. All code reads them with this function.
 
-    Texts and levels are text ("" if empty), all other columns floats (NaN if empty); unknown columns are kept.
+    Texts and levels are text ("" if empty), all other columns floats (NaN if empty), `seed` and `n` whole ones; unknown columns
+    are kept.
 
     Raises:
-        InputError: there is no table, it cannot be read, or a column is missing or holds other values than numbers.
+        InputError: there is no table, it cannot be read, or a column is missing or holds other values than (whole) numbers.
     """
     import pandas as pd
 
@@ -131,11 +132,28 @@ def read_scores(path: str | Path) -> pd.DataFrame:
             raise InputError(
                 "A column of numbers contains other values.", where=f"{path}: {name}", value=str(error)
             ) from error
+    for name in _INTEGERS:
+        if (wrong := ~table[name].map(_is_whole)).any():
+            raise InputError(
+                "A column of whole numbers contains other values.",
+                where=f"{path}: {name}", value=float(table[name][wrong].iloc[0]), allowed="whole numbers, 0 or more, below 2^63",
+            )  # fmt: skip
     return table
 
 
-def read_numbers(path: Path, numbers: Sequence[str], what: str) -> list[dict[str, Any]]:
+def _is_whole(value: float) -> bool:
+    return 0 <= value < 2**63 and value == int(value)
+
+
+def read_numbers(
+    path: Path, numbers: Sequence[str], what: str, *, texts: Sequence[str] = (), whole: Sequence[str] = ()
+) -> list[dict[str, Any]]:
     """The rows of a CSV file, with the columns `numbers` as floats (NaN if empty); no rows if the file does not exist.
+
+    Main arguments:
+        path: the file. numbers: columns of numbers. what: name of the table in errors.
+    Other arguments:
+        texts: other columns that must be there. whole: those of `numbers` that are whole, and given in every row.
 
     Raises:
         InputError: the file is not such a table; the message begins with `what`.
@@ -148,6 +166,10 @@ def read_numbers(path: Path, numbers: Sequence[str], what: str) -> list[dict[str
         for row in rows:
             for name in numbers:
                 row[name] = float(row[name]) if row[name] else math.nan
-    except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+            if wrong := [name for name in texts if not isinstance(row[name], str)]:
+                raise ValueError(f"a row ends before {wrong[0]}")
+            if wrong := [name for name in whole if not _is_whole(row[name])]:
+                raise ValueError(f"{wrong[0]} is {row[wrong[0]]}, and no whole number")
+    except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{what} cannot be read.", where=str(path), value=str(error)) from error
     return rows

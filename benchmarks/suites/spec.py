@@ -195,7 +195,8 @@ class Suite(Spec):
         fidelity, rtol: arguments of the generator; an entry of `scenes` may have a `fidelity` of its own.
         draws: what is drawn anew for every seed, before any stress.
         new_child: how often an estimator gets a new process: for every condition, or for every capture, which takes a start and a
-            warm-up each time, and leaves no memory of the captures before.
+            warm-up each time, and leaves no memory of the captures before. Built-in estimators, of which a law holds that none
+            remembers a capture, get one for every condition either way.
     """
 
     example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"

@@ -244,11 +244,16 @@ def write_file(file: Path, content: bytes) -> None:
     temporary = file.with_name(file.name + ".new")
     # A new file, never one that stands there: that may be a link to another place.
     temporary.unlink(missing_ok=True)
-    with open(temporary, "xb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    os.replace(temporary, file)
+    try:
+        with open(temporary, "xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, file)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
 
 
 def _payload(line: bytes) -> dict[str, Any] | None:

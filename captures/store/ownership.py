@@ -19,7 +19,8 @@ from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, RECORD, regular_size
 
 __all__ = [
     "REPAIR_MARK",
-    "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name", "settle_replacement",
+    "clear_unfinished_writes", "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name",
+    "settle_replacement",
     "state_replacement",
 ]  # fmt: skip
 
@@ -82,6 +83,15 @@ def _is_array_file(entry: os.DirEntry[str]) -> bool:
     return entry.is_file(follow_symlinks=False) and (
         entry.name in ("zarr.json", "zarr.json.new") or may_drop(entry.name)
     )
+
+
+def clear_unfinished_writes(path: Path) -> None:
+    """Remove what a stop left of a file of metadata that was being written (`journal.write_file`). Raises OSError."""
+    for folder in (path, *(entry.path for entry in os.scandir(path) if entry.is_dir(follow_symlinks=False))):
+        for entry in list(os.scandir(folder)):
+            own = entry.name in _TOP if folder == path else entry.name == "zarr.json.new"
+            if own and entry.name.endswith(".new") and entry.is_file(follow_symlinks=False):
+                os.unlink(entry.path)
 
 
 def remove_store(path: Path) -> None:

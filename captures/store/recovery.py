@@ -13,7 +13,14 @@ from ...scenes.errors import InputError
 from .arrays import CAPACITY, metadata_files
 from .journal import Journal, has_header, read_journal, refuse_busy, write_file
 from .manifest import Mark, load_manifest, regular_size
-from .ownership import REPAIR_MARK, is_removable_partial, remove_store, settle_replacement
+from .ownership import (
+    REPAIR_MARK,
+    clear_unfinished_writes,
+    is_ours,
+    is_removable_partial,
+    remove_store,
+    settle_replacement,
+)  # fmt: skip
 from .publish import disk_error, is_store, partial_of, publish
 from .reader import CaptureSet, unchecked_captures
 from .remake import Again, Make
@@ -88,6 +95,8 @@ def repair(path: str | os.PathLike[str], *, overwrite: bool = False, make: Make 
 def _repair_store(root: Path, make: Make | None) -> Recovery:
     try:
         settle_replacement(root)
+        if is_ours(root):
+            clear_unfinished_writes(root)
     except OSError as error:
         raise disk_error(error, "Repairing the store", root) from error
     damage = _readable(root, verify(root))
