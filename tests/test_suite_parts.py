@@ -62,6 +62,13 @@ def test_a_scene_keeps_the_conditions_of_its_part(folder: Path) -> None:
         ("far", "matched"), ("far", "calibrated"), ("counter", "matched")}  # fmt: skip
 
 
+def test_stresses_of_parts_can_be_left_out(folder: Path) -> None:
+    (folder / "both.json").write_text(
+        json.dumps({"suite": "both", "parts": ["walls.json", "counters.json"], "stresses": []})
+    )
+    assert {cell.stress for cell in cells_of(load_suite(folder / "both.json"))} == {"none"}
+
+
 def test_an_estimator_that_no_scene_lists_reads_all(folder: Path) -> None:
     mine = load_suite(folder / "both.json", {"estimators": ["peak", "threshold"]})
     assert [mine.reads(one, name) for one in ("peak", "threshold") for name in ("far", "counter")] == [
@@ -92,6 +99,7 @@ def test_a_sweep_measures_a_stress_on_its_scenes(folder: Path) -> None:
     [
         ({"scenes": ["flat-wall"]}, {}, "both.json: scenes"),
         ({"estimators": ["peak"]}, {}, "both.json: estimators"),
+        ({"stresses": GATED["stresses"]}, {}, "both.json: stresses"),
         ({"parts": "walls.json"}, {}, "both.json: parts"),
         ({"parts": ["walls.json", "walls.json"]}, {}, "both.json: parts"),
         ({"parts": ["both.json"]}, {}, "both.json: parts"),

@@ -5,7 +5,7 @@
 
 Scenes, draws and stresses follow one another; a scene keeps its part's rung and conditions, and lists its part's estimators. What
 a suite has once (seeds, rtol, calibration, limits) is that of the joint suite where it is stated there; otherwise the parts must
-agree on it.
+agree on it. `stresses = []` leaves out those of the parts.
 
 Parts are only a notation, as variants are: the suite that is run, recorded and hashed has them written out.
 """
@@ -22,7 +22,7 @@ __all__ = ["without_parts"]
 #: Keys that a joint suite has once.
 _ONCE = ("seeds", "rtol", "limits", "failure_at", "new_child")
 #: Keys that a joint suite with parts has of its own.
-_OWN = ("schema_version", "suite", "version", "title", "conditions", "calibration", "parts", *_ONCE)
+_OWN = ("schema_version", "suite", "version", "title", "conditions", "calibration", "parts", "stresses", *_ONCE)
 _MOST = 20
 
 
@@ -53,6 +53,9 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
     for name, part in parts.items():
         if "parts" in part:
             raise InputError("A part of a suite has no parts itself.", where=f"{where}: parts", value=name)
+    if data.get("stresses"):
+        raise InputError("A suite with parts has no stresses of its own.", where=f"{where}: stresses",
+                         allowed="stresses = [], which leaves out those of the parts")  # fmt: skip
     result = {key: value for key, value in data.items() if key != "parts"}
     missing = [key for key in _ONCE if key not in data and any(key in part for part in parts.values())]
     result |= {key: _agreed(key, parts, where) for key in missing}
@@ -62,7 +65,8 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
     result["scenes"] = [entry for part in parts.values() for entry in _scenes(part)]
     result["estimators"] = list(dict.fromkeys(label for part in parts.values() for label in part["estimators"]))
     for key in ("draws", "stresses"):
-        if found := [_limited(item, part) for part in parts.values() for item in part.get(key, ())]:
+        found = [_limited(item, part) for part in parts.values() for item in part.get(key, ())]
+        if found and key not in data:
             result[key] = found
     return result
 

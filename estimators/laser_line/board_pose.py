@@ -87,7 +87,8 @@ def _first_pose(points: Float, slope: Float) -> BoardPose:
             np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=1),
         ]
     )
-    h = np.linalg.svd(system)[2][-1].reshape(3, 3)
+    # Of the left vectors, one per corner and coordinate, none is needed: the right ones are complete from nine rows on.
+    h = np.linalg.svd(system, full_matrices=len(system) < system.shape[1])[2][-1].reshape(3, 3)
     h = h * np.sign(h[2, 2])
     r1, r2, t = h[:, 0] / scale, h[:, 1] / scale, h[:, 2]
     norm = 0.5 * (np.linalg.norm(r1) + np.linalg.norm(r2))
