@@ -1,11 +1,15 @@
-"""The chart of speed against accuracy as a Vega-Lite spec (by Altair), per scene; and the look that all charts share."""
+"""The chart of speed against accuracy as a Vega-Lite spec, per scene; and the look that all charts share.
+
+Charts are written as plain specs: Altair copies a chart's parts at every step, which takes minutes where a page has a hundred
+charts. `altair.Chart.from_dict` takes every one of them, and checks it (`tests/test_report_charts.py`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..folders.files import write_atomic, write_text
 from .cell import Cell, common_noun
@@ -15,10 +19,10 @@ from .layout import HEIGHT, WIDTH, log_domain, log_ticks, place_labels
 from .styles import Style, styles_of
 from .text import number, rate, span
 
-if TYPE_CHECKING:
-    import altair as alt
-
-__all__ = ["CHOSEN", "chosen_opacity", "finished", "panel_title", "panels_of", "save_charts", "speed_accuracy_spec"]
+__all__ = [
+    "CHOSEN", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative", "save_charts",
+    "speed_accuracy_spec",
+]  # fmt: skip
 
 FRONT, BOUND, DOUBT, GROUND = "#D55E00", "#8a8f98", "#b00020", "var(--card)"
 #: Marks of the verdicts before the names, in charts and tables.
@@ -27,6 +31,11 @@ VERDICT_MARKS = {"front": "◆ ", "undecided": "◇ ", SUSPECT: "⚠ "}
 CHOSEN = "chosen"
 
 
+#: The grammar of the specs.
+SCHEMA = "https://vega.github.io/schema/vega-lite/v6.4.1.json"
+
+#: A spec of Vega-Lite, or a part of one.
+Spec = dict[str, Any]
 Panel = tuple[str, str, str, str]
 
 
@@ -45,29 +54,25 @@ def panel_title(panel: Panel, panels: dict[Panel, list[Cell]]) -> str:
     return f"{panel[0]}: {' '.join(words)}" if several and words else panel[0]
 
 
-def speed_accuracy_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None) -> dict[str, Any]:
+def speed_accuracy_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None) -> Spec:
     """One panel: CPU time per element (x) against full RMSE (y), both logarithmic; lower left is better.
 
     Colour and mark tell the estimator, a filled mark the first condition. `page`: use the width of the container and the
     colours of the page; otherwise fixed width, dark on white. `styles`: of the page; by default those of the panel.
     """
     chart = _panel(cells, page=page, styles=styles or styles_of(c.label for c in cells))
-    chart = chart.properties(width="container" if page else WIDTH, height=HEIGHT)
-    return finished(chart, page=page)
+    return finished(chart | {"width": "container" if page else WIDTH, "height": HEIGHT}, page=page)
 
 
-def chosen_opacity(page: bool, shown: float = 1.0) -> Any:
+def chosen_opacity(page: bool, shown: float = 1.0) -> Spec:
     """Opacity that fades all but the chosen estimator; constant outside the page."""
-    import altair as alt
-
     if not page:
-        return alt.value(shown)
-    return alt.condition(f"{CHOSEN} === '' || datum.label === {CHOSEN}", alt.value(shown), alt.value(0.12))
+        return {"value": shown}
+    test = f"{CHOSEN} === '' || datum.label === {CHOSEN}"
+    return {"condition": {"test": test, "value": shown}, "value": 0.12}
 
 
-def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any:
-    import altair as alt
-
+def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Spec:
     factor, unit = unit_scale(cells[0])
     drawn = [c for c in cells if c.ok and c.cpu_per_element_s > 0 and c.rmse_full > 0]
     conditions = sorted({c.condition for c in cells}, key=lambda name: (name != "matched", name))
@@ -77,60 +82,59 @@ def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any
     cpus = [p[k] for p in points for k in ("cpu", "cpu_lo", "cpu_hi") if p[k]]
     errors = [p[k] for p in points for k in ("error", "error_lo", "error_hi") if p[k]] + bounds
     place_labels(points, cpus, errors)
-    base = alt.Chart(alt.InlineData(values=points))
     noun = common_noun(cells)
-    x = alt.X("cpu:Q", title=f"CPU time per {noun}, ns", scale=_log_scale(cpus), axis=_log_axis(cpus))
-    y = alt.Y("error:Q", title=f"RMSE of all {noun}s, {unit}", scale=_log_scale(errors), axis=_log_axis(errors))
-    tips = [alt.Tooltip(f"{k}:N", title=t) for k, t in _TIPS.items()]
-    own: dict[str, Any] = {
-        "shape": alt.Shape("shape:N", scale=None), "fill": alt.Fill("fill:N", scale=None),
-        "stroke": alt.Stroke("colour:N", scale=None),
-    }  # fmt: skip
+    place = {
+        "x": quantitative("cpu", f"CPU time per {noun}, ns") | _log(cpus),
+        "y": quantitative("error", f"RMSE of all {noun}s, {unit}") | _log(errors),
+    }
+    tips = [{"field": k, "type": "nominal", "title": t} for k, t in _TIPS.items()]
+    own = {key: {"field": field, "type": "nominal", "scale": None}
+           for key, field in (("shape", "shape"), ("fill", "fill"), ("stroke", "colour"))}  # fmt: skip
     layers = _bound_layers(bounds)
     for position, condition in enumerate(conditions):
-        front = [p for p in points if p["front"] and p["condition"] == condition]
-        line = alt.Chart(alt.InlineData(values=front)).mark_line(
-            interpolate="step-after", color=BOUND, strokeWidth=1.3, opacity=0.9 if position == 0 else 0.4
-        )
-        layers.append(line.encode(x=x, y=y))
-    for ends, across in (({"x": alt.X("cpu_lo:Q"), "x2": "cpu_hi:Q", "y": y}, "cpu_lo"),
-                         ({"x": x, "y": alt.Y("error_lo:Q"), "y2": "error_hi:Q"}, "error_lo")):  # fmt: skip
-        rules = base.transform_filter(f"isValid(datum.{across})").mark_rule(strokeWidth=1.6)
-        layers.append(rules.encode(stroke=own["stroke"], opacity=chosen_opacity(page, 0.75), **ends))
-    layers.append(
-        base.mark_point(size=95, strokeWidth=2, cursor="pointer").encode(
-            x=x, y=y, opacity=chosen_opacity(page), tooltip=tips, **own
-        )
-    )
-    opacity = chosen_opacity(page)
-    layers += [text.encode(x=x, y=y, text="text:N", tooltip=tips, opacity=opacity) for text in _label_marks(base, page)]
-    return alt.layer(*layers)
+        line = {"type": "line", "interpolate": "step-after", "color": BOUND, "strokeWidth": 1.3}
+        front = {"and": ["datum.front", {"field": "condition", "equal": condition}]}
+        layers.append({
+            "transform": [{"filter": front}], "mark": line | {"opacity": 0.9 if position == 0 else 0.4}, "encoding": place
+        })  # fmt: skip
+    for side, across in (("x", "cpu"), ("y", "error")):
+        ends = place | {side: {"field": f"{across}_lo", "type": "quantitative"}, f"{side}2": {"field": f"{across}_hi"}}
+        layers.append({
+            "transform": [{"filter": f"isValid(datum.{across}_lo)"}], "mark": {"type": "rule", "strokeWidth": 1.6},
+            "encoding": ends | {"stroke": own["stroke"], "opacity": chosen_opacity(page, 0.75)},
+        })  # fmt: skip
+    told = place | {"opacity": chosen_opacity(page), "tooltip": tips}
+    point = {"type": "point", "size": 95, "strokeWidth": 2, "cursor": "pointer"}
+    layers.append({"mark": point, "encoding": told | own})
+    text = {"text": {"field": "text", "type": "nominal"}}
+    layers += [{"mark": mark, "encoding": told | text} for mark in _label_marks(page)]
+    return {"data": {"values": points}, "layer": layers}
 
 
-def _bound_layers(bounds: list[float]) -> list[Any]:
+def quantitative(field: str, title: str | None) -> Spec:
+    """A channel with numbers of a field."""
+    return {"field": field, "type": "quantitative", "title": title}
+
+
+def _bound_layers(bounds: list[float]) -> list[Spec]:
     """The dashed line of the bound with its name; none without a bound."""
-    import altair as alt
-
     if not bounds:
         return []
-    rule = alt.InlineData(values=[{"bound": sorted(bounds)[len(bounds) // 2], "text": "bound"}])
-    at = alt.Y("bound:Q")
-    return [
-        alt.Chart(rule).mark_rule(strokeDash=[5, 4], color=BOUND, strokeWidth=1.2).encode(y=at),
-        alt.Chart(rule)
-        .mark_text(align="left", baseline="bottom", dx=4, dy=-3, fontSize=10, fontStyle="italic", color=BOUND)
-        .encode(y=at, x=alt.value(0), text="text:N"),
-    ]
+    data = {"values": [{"bound": sorted(bounds)[len(bounds) // 2], "text": "bound"}]}
+    at: Spec = {"y": {"field": "bound", "type": "quantitative"}}
+    rule = {"type": "rule", "strokeDash": [5, 4], "color": BOUND, "strokeWidth": 1.2}
+    text = {"type": "text", "align": "left", "baseline": "bottom", "dx": 4, "dy": -3, "fontSize": 10,
+            "fontStyle": "italic", "color": BOUND}  # fmt: skip
+    named = at | {"x": {"value": 0}, "text": {"field": "text", "type": "nominal"}}
+    return [{"data": data, "mark": rule, "encoding": at}, {"data": data, "mark": text, "encoding": named}]
 
 
-def _label_marks(base: Any, page: bool) -> list[Any]:
+def _label_marks(page: bool) -> list[Spec]:
     """Each label twice: the first, in the background colour, keeps lines from crossing the letters of the second."""
-    import altair as alt
-
-    ground = GROUND if page else "#ffffff"
-    place: dict[str, Any] = {side: alt.ExprRef(f"datum.{side}") for side in ("align", "dx", "dy")}
-    halo: dict[str, Any] = {"stroke": ground, "strokeWidth": 4, "strokeJoin": "round"}
-    return [base.mark_text(fontSize=11, baseline="middle", cursor="pointer", **place, **extra) for extra in (halo, {})]
+    place: Spec = {side: {"expr": f"datum.{side}"} for side in ("align", "dx", "dy")}
+    mark = {"type": "text", "fontSize": 11, "baseline": "middle", "cursor": "pointer"} | place
+    halo = {"stroke": GROUND if page else "#ffffff", "strokeWidth": 4, "strokeJoin": "round"}
+    return [mark | halo, mark]
 
 
 _TIPS = {
@@ -186,16 +190,13 @@ def _or_none(value: float) -> float | None:
     return value if math.isfinite(value) and value > 0 else None
 
 
-def _log_scale(values: list[float]) -> alt.Scale:
-    import altair as alt
-
-    return alt.Scale(type="log", domain=list(log_domain(values)), nice=False) if values else alt.Scale(type="log")
-
-
-def _log_axis(values: list[float]) -> alt.Axis:
-    import altair as alt
-
-    return alt.Axis(format="~g", values=log_ticks(*log_domain(values)), labelFlush=False) if values else alt.Axis()
+def _log(values: list[float]) -> Spec:
+    """Scale and axis of a channel with these values, both logarithmic."""
+    if not values:
+        return {"scale": {"type": "log"}}
+    lo, hi = log_domain(values)
+    axis = {"format": "~g", "values": log_ticks(lo, hi), "labelFlush": False}
+    return {"scale": {"type": "log", "domain": [lo, hi], "nice": False}, "axis": axis}
 
 
 def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, Style]) -> str:
@@ -204,17 +205,15 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
     Raises:
         InputError: the files cannot be written.
     """
-    import altair as alt
     import vl_convert as vlc
 
     panels = panels_of(cells)
+    size = {"width": WIDTH, "height": HEIGHT}
     charts = [
-        _panel(group, page=False, styles=styles).properties(
-            width=WIDTH, height=HEIGHT, title=panel_title(panel, panels)
-        )
+        _panel(group, page=False, styles=styles) | size | {"title": panel_title(panel, panels)}
         for panel, group in panels.items()
     ]
-    spec = finished(alt.concat(*charts, columns=3), page=False)
+    spec = finished({"concat": charts, "columns": 3}, page=False)
     drawing: str = vlc.vegalite_to_svg(spec)
     image: bytes = vlc.svg_to_png(drawing, scale=2.0)
     write_atomic(png, lambda path: _write(path, image))
@@ -226,38 +225,28 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def finished(chart: Any, *, page: bool) -> dict[str, Any]:
-    """The spec of a chart with fonts and colours set: those of the page, or dark on white."""
-    import altair as alt
+def finished(chart: Any, *, page: bool) -> Spec:
+    """The complete spec of a chart, with fonts and colours: those of the page, or dark on white.
 
+    `chart`: a Vega-Lite spec, or a chart of Altair.
+    """
+    spec: Spec = chart if isinstance(chart, dict) else chart.to_dict()
     ink = "currentColor" if page else "#1d2330"
     font = (
         "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif" if page else "DejaVu Sans, Arial, sans-serif"
     )
-    if page:
-        chart = chart.add_params(alt.param(name=CHOSEN, value=""))
-    chart = chart.configure(background="transparent" if page else "#ffffff", font=font)
-    chart = chart.configure_view(stroke=None)
-    chart = chart.configure_axis(
-        labelColor=ink,
-        titleColor=ink,
-        tickColor=ink,
-        domainColor=ink,
-        gridColor=ink,
-        gridOpacity=0.1,
-        domainOpacity=0.4,
-        tickOpacity=0.4,
-        labelOpacity=0.8,
-        titleFontWeight="normal",
-        titleOpacity=0.9,
-        labelFontSize=11,
-        titleFontSize=12,
-    )
-    chart = chart.configure_legend(labelColor=ink, titleColor=ink, labelFontSize=11)
-    chart = chart.configure_title(color=ink, fontSize=13, anchor="start", fontWeight=600)
-    chart = chart.configure_text(color=ink)
-    spec: dict[str, Any] = _finite(chart.to_dict())
-    return spec
+    axis = dict.fromkeys(("labelColor", "titleColor", "tickColor", "domainColor", "gridColor"), ink) | {
+        "gridOpacity": 0.1, "domainOpacity": 0.4, "tickOpacity": 0.4, "labelOpacity": 0.8, "titleFontWeight": "normal",
+        "titleOpacity": 0.9, "labelFontSize": 11, "titleFontSize": 12,
+    }  # fmt: skip
+    config = {
+        "background": "transparent" if page else "#ffffff", "font": font, "view": {"stroke": None}, "axis": axis,
+        "legend": {"labelColor": ink, "titleColor": ink, "labelFontSize": 11},
+        "title": {"color": ink, "fontSize": 13, "anchor": "start", "fontWeight": 600}, "text": {"color": ink},
+    }  # fmt: skip
+    chosen = {"params": [*spec.get("params", []), {"name": CHOSEN, "value": ""}]} if page else {}
+    made: Spec = _finite(spec | chosen | {"$schema": SCHEMA, "config": config})
+    return made
 
 
 def _finite(value: Any) -> Any:

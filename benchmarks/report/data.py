@@ -6,6 +6,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
+
 from ...captures.layouts import LAYOUTS, layout_of
 from ...estimators.labels import label_of
 from ...scenes.errors import InputError
@@ -61,6 +64,14 @@ def seeds_of(table: pd.DataFrame) -> list[int]:
     return sorted(int(seed) for seed in table["seed"].dropna().unique())
 
 
+#: Columns that a cell pools, takes over, or tells the median of.
+_NUMBERS = ("n", "coverage", "failure_rate", "bias", "rmse", "rmse_full", "p95", "bound", "z_rms", "cover95", "efficiency",
+            "efficiency_lo", "efficiency_hi", "cpu_s", "wall_s", "throughput", "peak_bytes")  # fmt: skip
+_TEXTS = ("scene", "stress", "level", "stress2", "level2", "condition", "modality", "stage", "quantity", "unit", "estimator",
+          "params", "bound_kind", "status")  # fmt: skip
+_MEDIANS = ("cpu_s", "cpu_per_element_s", "throughput")
+
+
 def cells_of(table: pd.DataFrame) -> list[Cell]:
     """Pool the seeds of each cell.
 
@@ -81,18 +92,68 @@ def cells_of(table: pd.DataFrame) -> list[Cell]:
         "estimator",
         "params",
     ]
-    return [_pool(group) for _, group in table.groupby(keys, sort=False)]
+    groups = _Groups(table, table.groupby(keys, sort=False).ngroup().to_numpy())
+    return [_cell(groups, k) for k in range(groups.count)]
 
 
-def _pool(group: pd.DataFrame) -> Cell:
-    first = group.iloc[0]
-    weight = group["n"].where(group["n"] > 0)
-    valid = weight * group["coverage"]
-    bias, rmse = _mean(group["bias"], valid), math.sqrt(_mean(group["rmse"] ** 2, valid))
-    bad = [status for status in group["status"] if status != "ok"]
-    elements = (group["throughput"] * group["wall_s"]).where(group["throughput"] * group["wall_s"] > 0, group["n"])
-    efficiency = group["efficiency"].dropna()
-    efficient = len(efficiency) == len(group) and not bias_is_real(bias, rmse, float(valid.sum()))
+class _Groups:
+    """The rows of a table in groups, and what is pooled of each: arrays with one value per group."""
+
+    def __init__(self, table: pd.DataFrame, code: npt.NDArray[np.int64]) -> None:
+        import pandas as pd
+
+        order = np.argsort(code, kind="stable")
+        order = order[np.searchsorted(code[order], 0) :]  # rows without a key are in no group
+        self.table, self.code = table.iloc[order], code[order]
+        self.first = np.flatnonzero(np.diff(self.code, prepend=-1))
+        self.count, self.size = len(self.first), np.diff(self.first, append=len(self.code))
+        of = {name: self.table[name].to_numpy(float) for name in _NUMBERS}
+        weight = np.where(of["n"] > 0, of["n"], np.nan)
+        valid = weight * of["coverage"]
+        read = of["throughput"] * of["wall_s"]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            of["cpu_per_element_s"] = of["cpu_s"] / np.where(read > 0, read, of["n"])
+        self.n, self.valid = self._sum(of["n"]), self._sum(valid)
+        self.mean = {name: self._mean(of[name], weight) for name in ("coverage", "failure_rate")}
+        self.mean |= {name: self._mean(of[name], valid) for name in ("bias", "p95", "cover95")}
+        self.rms = {name: np.sqrt(self._mean(of[name] ** 2, valid)) for name in ("rmse", "bound", "z_rms")}
+        self.rms["rmse_full"] = np.sqrt(self._mean(of["rmse_full"] ** 2, weight))
+        # 1/efficiency is a mean square, so seeds pool as harmonic means.
+        with np.errstate(divide="ignore"):
+            inverse = 1.0 / of["efficiency"]
+        self.all_efficient = self._sum(np.isnan(of["efficiency"]).astype(float)) == 0
+        self.harmonic = self.size / np.where(self.all_efficient, self._sum(inverse), np.nan)
+        pooled = pd.DataFrame({name: of[name] for name in (*_MEDIANS, "peak_bytes")}).groupby(self.code)
+        medians = pooled[list(_MEDIANS)].median()
+        self.median = {name: medians[name].to_numpy() for name in _MEDIANS}
+        self.peak = pooled["peak_bytes"].max().to_numpy()
+        self.of = of
+        self.texts = {name: self.table[name].to_numpy() for name in (*_TEXTS, "seed")}
+
+    def _sum(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return np.bincount(self.code, np.where(np.isnan(values), 0.0, values), minlength=self.count)
+
+    def _mean(self, values: npt.NDArray[np.float64], weight: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        known = ~np.isnan(values) & (weight > 0)
+        total = self._sum(np.where(known, weight, 0.0))
+        return self._sum(np.where(known, values * weight, 0.0)) / np.where(total > 0, total, np.nan)
+
+    def rows(self, k: int) -> slice:
+        """The rows of a group."""
+        return slice(int(self.first[k]), int(self.first[k] + self.size[k]))
+
+
+def _cell(groups: _Groups, k: int) -> Cell:
+    rows = groups.rows(k)
+    own = {name: column[rows] for name, column in groups.texts.items()}
+    first = {name: column[0] for name, column in own.items()}
+    statuses = list(map(str, own["status"]))
+    bad = [status for status in statuses if status != "ok"]
+    mean, rms, median = (
+        {name: float(v[k]) for name, v in part.items()} for part in (groups.mean, groups.rms, groups.median)
+    )
+    efficient = bool(groups.all_efficient[k]) and not bias_is_real(mean["bias"], rms["rmse"], float(groups.valid[k]))
+    single = groups.size[k] == 1
     return Cell(
         scene=first["scene"],
         stress=axis_text(first["stress"]),
@@ -105,36 +166,22 @@ def _pool(group: pd.DataFrame) -> Cell:
         quantity=first["quantity"],
         unit=first["unit"],
         label=label_of(first["estimator"], first["params"]),
-        seeds=len(group),
-        n=float(group["n"].sum()),
-        coverage=_mean(group["coverage"], weight),
-        failure_rate=_mean(group["failure_rate"], weight),
-        bias=bias,
-        rmse=rmse,
-        rmse_full=math.sqrt(_mean(group["rmse_full"] ** 2, weight)),
-        p95=_mean(group["p95"], valid),
-        bound=math.sqrt(_mean(group["bound"] ** 2, valid)),
-        bound_kind=weakest_kind(group["bound_kind"]),
-        # 1/efficiency is a mean square, so seeds pool as harmonic means; the interval is only known for one seed.
-        efficiency=float(1 / (1 / efficiency).mean()) if efficient else math.nan,
-        efficiency_lo=float(first["efficiency_lo"]) if len(group) == 1 else math.nan,
-        efficiency_hi=float(first["efficiency_hi"]) if len(group) == 1 else math.nan,
-        z_rms=math.sqrt(_mean(group["z_rms"] ** 2, valid)),
-        cover95=_mean(group["cover95"], valid),
-        cpu_s=float(group["cpu_s"].median()),
-        cpu_per_element_s=float((group["cpu_s"] / elements).median()),
-        throughput=float(group["throughput"].median()),
-        peak_bytes=float(group["peak_bytes"].max()),
+        seeds=int(groups.size[k]),
+        n=float(groups.n[k]),
+        bound_kind=weakest_kind(own["bound_kind"]),
+        efficiency=float(groups.harmonic[k]) if efficient else math.nan,
+        # The interval is only known for one seed.
+        efficiency_lo=float(groups.of["efficiency_lo"][rows][0]) if single else math.nan,
+        efficiency_hi=float(groups.of["efficiency_hi"][rows][0]) if single else math.nan,
+        peak_bytes=float(groups.peak[k]),
         status=bad[0] if bad else "ok",
-        statuses=tuple(dict.fromkeys(map(str, group["status"]))),
-        per_seed=tuple(zip(group["seed"].astype(int), group["n"], group["rmse_full"], group["cpu_s"], strict=True)),
-    )
-
-
-def _mean(values: pd.Series[float], weight: pd.Series[float]) -> float:
-    known = values.notna() & weight.notna() & (weight > 0)
-    total = float(weight[known].sum())
-    return float((values[known] * weight[known]).sum()) / total if total > 0 else math.nan
+        statuses=tuple(dict.fromkeys(statuses)),
+        per_seed=tuple(zip(
+            own["seed"].astype(int).tolist(), *(groups.of[name][rows].tolist() for name in ("n", "rmse_full", "cpu_s")),
+            strict=True,
+        )),
+        **mean, **rms, **median,
+    )  # fmt: skip
 
 
 def axis_text(name: str) -> str:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ...captures import open_captures
 from ...scenes.errors import InputError
 from ..scores.tables import read_numbers
-from .charts import finished
+from .charts import Spec, finished, quantitative
 from .layout import HEIGHT, WIDTH, log_domain, log_ticks
 from .styles import PALETTE, SHAPES
 from .text import listed, rate
@@ -36,10 +36,8 @@ def read_rungs(folder: Path) -> list[dict[str, Any]]:
     return []
 
 
-def rungs_spec(rows: list[dict[str, Any]], *, page: bool) -> dict[str, Any] | None:
+def rungs_spec(rows: list[dict[str, Any]], *, page: bool) -> Spec | None:
     """Relative error against CPU time of every scene and rung, with 95 % intervals; None without a measured rung."""
-    import altair as alt
-
     points: dict[tuple[str, str], dict[str, Any]] = {}
     for row in rows:  # a scene has a row per rung and limit, with the same error
         if 0 < row["cpu_s"] < math.inf and math.isfinite(row["rel_error"]):
@@ -52,31 +50,35 @@ def rungs_spec(rows: list[dict[str, Any]], *, page: bool) -> dict[str, Any] | No
         return None
     data = list(points.values())
     rungs = list(dict.fromkeys(p["rung"] for p in data))
-    x, y = (
-        _log("cost", "CPU time of a capture, s", data, ("cost",)),
-        _log("error", "relative error", data, ("lo", "hi")),
-    )
-    colour = alt.Color(
-        "rung:N", scale=alt.Scale(domain=rungs, range=list(PALETTE[: len(rungs)])),
-        legend=alt.Legend(title=None, orient="top"),
-    )  # fmt: skip
-    shapes = alt.Scale(domain=rungs, range=list(SHAPES[: len(rungs)]))
-    shape = alt.Shape("rung:N", scale=shapes, legend=alt.Legend(title=None, orient="top"))
-    base = alt.Chart(alt.InlineData(values=data)).encode(x=x, color=colour)
-    dots = base.mark_point(size=60, filled=True).encode(
-        y=y, shape=shape, tooltip=[alt.Tooltip(f"{k}:N") for k in ("scene", "rung", "shown")]
-    )
-    layers = alt.layer(base.mark_rule(opacity=0.5).encode(y=alt.Y("lo:Q"), y2="hi:Q"), dots)
-    return finished(layers.properties(width="container" if page else WIDTH, height=HEIGHT), page=page)
+    x = quantitative("cost", "CPU time of a capture, s") | _log([p["cost"] for p in data])
+    y = quantitative("error", "relative error") | _log([p[k] for p in data for k in ("lo", "hi")])
+    looks = {name: _legend("rung", rungs, values) for name, values in (("color", PALETTE), ("shape", SHAPES))}
+    span = {"field": "lo", "type": "quantitative"}, {"field": "hi"}
+    tips = [{"field": k, "type": "nominal"} for k in ("scene", "rung", "shown")]
+    place = {"x": x, "color": looks["color"]}
+    layers = [
+        {"mark": {"type": "rule", "opacity": 0.5}, "encoding": place | {"y": span[0], "y2": span[1]}},
+        {"mark": {"type": "point", "size": 60, "filled": True},
+         "encoding": place | {"y": y, "shape": looks["shape"], "tooltip": tips}},
+    ]  # fmt: skip
+    return _drawn(data, layers, page)
 
 
-def _log(name: str, title: str, data: list[dict[str, Any]], spans: tuple[str, ...]) -> Any:
-    import altair as alt
+def _drawn(data: list[dict[str, Any]], layers: list[Spec], page: bool) -> Spec:
+    chart = {"data": {"values": data}, "layer": layers, "width": "container" if page else WIDTH, "height": HEIGHT}
+    return finished(chart, page=page)
 
-    cls = alt.X if name == "cost" else alt.Y
-    lo, hi = log_domain([p[k] for p in data for k in spans])
-    scale = alt.Scale(type="log", domain=[lo, hi], nice=False)
-    return cls(f"{name}:Q", title=title, scale=scale, axis=alt.Axis(format="~g", values=log_ticks(lo, hi)))
+
+def _legend(field: str, names: list[str], values: Sequence[str]) -> Spec:
+    """A channel that shows the names of a field by these values, and explains them above the chart."""
+    scale = {"domain": names, "range": list(values[: len(names)])}
+    return {"field": field, "type": "nominal", "scale": scale, "legend": {"title": None, "orient": "top"}}
+
+
+def _log(values: list[float]) -> Spec:
+    lo, hi = log_domain(values)
+    scale = {"type": "log", "domain": [lo, hi], "nice": False}
+    return {"scale": scale, "axis": {"format": "~g", "values": log_ticks(lo, hi)}}
 
 
 def effects_of(folder: Path) -> dict[str, dict[str, Any]]:
@@ -112,7 +114,7 @@ def effects_words(record: Mapping[str, Any]) -> str:
     return words
 
 
-def effects_spec(record: Mapping[str, Any], *, page: bool) -> dict[str, Any] | None:
+def effects_spec(record: Mapping[str, Any], *, page: bool) -> Spec | None:
     """Chart of a capture's effects by predicted size relative to the signal, modelled ones apart from neglected ones.
 
     The dashed line is the tolerance. None without an effect of known size.
@@ -121,9 +123,7 @@ def effects_spec(record: Mapping[str, Any], *, page: bool) -> dict[str, Any] | N
     return _effects_chart(sized, record.get("rtol"), page=page) if sized else None
 
 
-def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> dict[str, Any]:
-    import altair as alt
-
+def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> Spec:
     sized = sorted(sized, key=lambda e: -_size(e))[:14]
     data = [
         {
@@ -135,35 +135,28 @@ def _effects_chart(sized: list[dict[str, Any]], rtol: object, *, page: bool) -> 
     limit = [float(rtol)] if isinstance(rtol, int | float) and rtol > 0 else []
     lo, hi = log_domain([max(_size(e), _FLOOR) for e in sized] + limit)
     data = [point | {"from": lo} for point in data]
-    scale = alt.Scale(type="log", domain=[lo, hi], nice=False)
-    axis = alt.Axis(format="~%" if lo > 1e-5 else "~e", values=log_ticks(lo, hi), labelOverlap=True)
-    x = alt.X("size:Q", title="predicted size, share of the signal", scale=scale, axis=axis)
-    y = alt.Y("name:N", title=None, sort=None, axis=alt.Axis(labelLimit=150))
+    scale = {"type": "log", "domain": [lo, hi], "nice": False}
+    axis = {"format": "~%" if lo > 1e-5 else "~e", "values": log_ticks(lo, hi), "labelOverlap": True}
+    x = quantitative("size", "predicted size, share of the signal") | {"scale": scale, "axis": axis}
+    y = {"field": "name", "type": "nominal", "title": None, "sort": None, "axis": {"labelLimit": 150}}
     kinds = ["neglected", "modelled"]
-    looks = (_NEGLECTED, _MODELLED)
-    colour = alt.Color(
-        "what:N",
-        scale=alt.Scale(domain=kinds, range=[c for c, _ in looks]),
-        legend=alt.Legend(title=None, orient="top"),
-    )
-    shape = alt.Shape(
-        "what:N",
-        scale=alt.Scale(domain=kinds, range=[s for _, s in looks]),
-        legend=alt.Legend(title=None, orient="top"),
-    )
-    base = alt.Chart(alt.InlineData(values=data)).encode(y=y, color=colour)
-    tips = [alt.Tooltip(f"{k}:N", title=t) for k, t in (("name", "effect"), ("shown", "size"), ("basis", "basis"))]
-    layers: list[Any] = [
-        base.mark_rule(opacity=0.4, strokeWidth=2).encode(x=alt.X("from:Q", scale=scale), x2="size:Q"),
-        base.mark_point(size=80, filled=True, opacity=1).encode(x=x, shape=shape, tooltip=tips),
-    ]
+    colour, shape = (_legend("what", kinds, values) for values in zip(_NEGLECTED, _MODELLED, strict=True))
+    tips = [{"field": k, "type": "nominal", "title": t}
+            for k, t in (("name", "effect"), ("shown", "size"), ("basis", "basis"))]  # fmt: skip
+    span = {"x": {"field": "from", "type": "quantitative", "scale": scale}, "x2": {"field": "size"}}
+    place = {"y": y, "color": colour}
+    layers: list[Spec] = [
+        {"mark": {"type": "rule", "opacity": 0.4, "strokeWidth": 2}, "encoding": place | span},
+        {"mark": {"type": "point", "size": 80, "filled": True, "opacity": 1},
+         "encoding": place | {"x": x, "shape": shape, "tooltip": tips}},
+    ]  # fmt: skip
     if limit:
-        rule = alt.Chart(alt.InlineData(values=[{"limit": limit[0]}]))
-        layers.append(
-            rule.mark_rule(strokeDash=[5, 4]).encode(x=alt.X("limit:Q", scale=scale), color=alt.value("#8a8f98"))
-        )
-    chart = alt.layer(*layers).properties(width="container" if page else WIDTH, height=HEIGHT)
-    return finished(chart, page=page)
+        at = {"field": "limit", "type": "quantitative", "scale": scale}
+        layers.append({
+            "data": {"values": [{"limit": limit[0]}]}, "mark": {"type": "rule", "strokeDash": [5, 4]},
+            "encoding": {"x": at, "color": {"value": "#8a8f98"}},
+        })  # fmt: skip
+    return _drawn(data, layers, page)
 
 
 def _size(effect: Mapping[str, Any]) -> float:

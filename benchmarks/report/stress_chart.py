@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 from ..statistics.levels import is_log
 from .cell import Cell, common_noun
-from .charts import chosen_opacity, finished
+from .charts import Spec, chosen_opacity, finished, quantitative
 from .data import by_quantity
 from .layout import HEIGHT, WIDTH
 from .styles import Style, styles_of
@@ -30,18 +29,16 @@ def stress_groups(cells: list[Cell]) -> dict[tuple[str, str, str], list[Cell]]:
     return {key: group for key, group in groups.items() if len({c.level for c in group}) > 1}
 
 
-def stress_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None) -> dict[str, Any]:
+def stress_spec(cells: list[Cell], *, page: bool, styles: Mapping[str, Style] | None = None) -> Spec:
     """Share of failed elements (y) against stress level (x), one line per estimator; a crash counts as 100 %.
 
     `styles`: of the page; by default those of these cells.
     """
     chart = _panel(cells, page=page, styles=styles or styles_of(c.label for c in cells))
-    return finished(chart.properties(width="container" if page else WIDTH, height=HEIGHT), page=page)
+    return finished(chart | {"width": "container" if page else WIDTH, "height": HEIGHT}, page=page)
 
 
-def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any:
-    import altair as alt
-
+def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Spec:
     axis, noun = cells[0].stress, common_noun(cells)
     numeric = all(_is_number(c.level) for c in cells)
     cells = [c for c in cells if not c.skipped]
@@ -57,27 +54,28 @@ def _panel(cells: list[Cell], *, page: bool, styles: Mapping[str, Style]) -> Any
         for c in cells
     ]
     wide = numeric and is_log([float(row["level"]) for row in rows])
-    scale = alt.Scale(type="log", nice=False) if wide else alt.Undefined
-    form = alt.Axis(format="~g", tickCount=6) if numeric else alt.Undefined
-    colours = alt.Scale(domain=labels, range=[styles[label][0] for label in labels])
-    shapes = alt.Scale(domain=labels, range=[styles[label][1] for label in labels])
-    legend = None if page else alt.Legend(title=None, orient="bottom", columns=3, labelLimit=150)
-    base = alt.Chart(alt.InlineData(values=rows)).encode(
-        x=alt.X("level:Q" if numeric else "level:O", title=axis, scale=scale, axis=form),
-        y=alt.Y("failed:Q", title=f"failed {noun}s", axis=alt.Axis(format="%"), scale=alt.Scale(domain=[0, 1])),
-        color=alt.Color("label:N", scale=colours, legend=legend),
-        opacity=chosen_opacity(page),
-    )
+    level: Spec = {"field": "level", "type": "quantitative" if numeric else "ordinal", "title": axis}
+    level |= {"scale": {"type": "log", "nice": False}} if wide else {}
+    level |= {"axis": {"format": "~g", "tickCount": 6}} if numeric else {}
+    legend = None if page else {"title": None, "orient": "bottom", "columns": 3, "labelLimit": 150}
+    looks = {
+        name: {"field": "label", "type": "nominal", "legend": legend,
+               "scale": {"domain": labels, "range": [styles[label][k] for label in labels]}}
+        for k, name in enumerate(("color", "shape"))
+    }  # fmt: skip
+    failed = quantitative("failed", f"failed {noun}s") | {"axis": {"format": "%"}, "scale": {"domain": [0, 1]}}
+    place = {"x": level, "y": failed, "color": looks["color"], "opacity": chosen_opacity(page)}
     tips = [
-        alt.Tooltip("label:N", title="estimator"),
-        alt.Tooltip("level:Q" if numeric else "level:N", title=axis),
-        alt.Tooltip("shown:N", title="failed"),
+        {"field": "label", "type": "nominal", "title": "estimator"},
+        {"field": "level", "type": "quantitative" if numeric else "nominal", "title": axis},
+        {"field": "shown", "type": "nominal", "title": "failed"},
     ]
-    dots = base.mark_point(size=60, filled=True, cursor="pointer")
-    return alt.layer(
-        base.mark_line(strokeWidth=1.6),
-        dots.encode(shape=alt.Shape("label:N", scale=shapes, legend=legend), tooltip=tips),
-    )
+    dots = {"type": "point", "size": 60, "filled": True, "cursor": "pointer"}
+    layers = [
+        {"mark": {"type": "line", "strokeWidth": 1.6}, "encoding": place},
+        {"mark": dots, "encoding": place | {"shape": looks["shape"], "tooltip": tips}},
+    ]
+    return {"data": {"values": rows}, "layer": layers}
 
 
 def _is_number(text: str) -> bool:
@@ -89,15 +87,13 @@ def _is_number(text: str) -> bool:
 
 def static_stresses(groups: Mapping[str, list[Cell]], styles: Mapping[str, Style]) -> str:
     """SVG text of all panels (title -> cells), for readers without scripts; "" without a panel."""
-    import altair as alt
     import vl_convert as vlc
 
     if not groups:
         return ""
-    charts = [
-        _panel(cells, page=False, styles=styles).properties(width=WIDTH, height=HEIGHT, title=title)
-        for title, cells in groups.items()
-    ]
-    joined = alt.concat(*charts, columns=3).resolve_scale(color="independent", shape="independent")
+    size = {"width": WIDTH, "height": HEIGHT}
+    charts = [_panel(cells, page=False, styles=styles) | size | {"title": title} for title, cells in groups.items()]
+    apart = {"scale": dict.fromkeys(("color", "shape"), "independent")}
+    joined = {"concat": charts, "columns": 3, "resolve": apart}
     drawing: str = vlc.vegalite_to_svg(finished(joined, page=False))
     return drawing
