@@ -20,7 +20,7 @@ from .styles import Style, styles_of
 from .text import number, rate, span
 
 __all__ = [
-    "CHOSEN", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative", "save_charts",
+    "CHOSEN", "STILLS", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative", "save_charts",
     "speed_accuracy_spec",
 ]  # fmt: skip
 
@@ -31,6 +31,8 @@ VERDICT_MARKS = {"front": "◆ ", "undecided": "◇ ", SUSPECT: "⚠ "}
 CHOSEN = "chosen"
 
 
+#: Panels that the page shows without scripts; the file speed-accuracy.svg has all.
+STILLS = 12
 #: The grammar of the specs.
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.4.1.json"
 
@@ -200,7 +202,8 @@ def _log(values: list[float]) -> Spec:
 
 
 def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, Style]) -> str:
-    """Write the speed-accuracy chart of all panels as PNG (2 ×) and SVG; returns the SVG's text.
+    """Write the speed-accuracy chart of all panels as PNG (2 ×; 1 × of many) and SVG; returns the text of the SVG, or of one of the
+    first panels where there are many.
 
     Raises:
         InputError: the files cannot be written.
@@ -213,12 +216,14 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
         _panel(group, page=False, styles=styles) | size | {"title": panel_title(panel, panels)}
         for panel, group in panels.items()
     ]
-    spec = finished({"concat": charts, "columns": 3}, page=False)
-    drawing: str = vlc.vegalite_to_svg(spec)
-    image: bytes = vlc.svg_to_png(drawing, scale=2.0)
+    drawing: str = vlc.vegalite_to_svg(finished({"concat": charts, "columns": 3}, page=False))
+    image: bytes = vlc.svg_to_png(drawing, scale=2.0 if len(charts) <= STILLS else 1.0)
     write_atomic(png, lambda path: _write(path, image))
     write_text(svg, drawing)
-    return drawing
+    if len(charts) <= STILLS:
+        return drawing
+    first: str = vlc.vegalite_to_svg(finished({"concat": charts[:STILLS], "columns": 3}, page=False))
+    return first
 
 
 def _write(path: Path, data: bytes) -> None:

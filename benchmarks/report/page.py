@@ -16,7 +16,7 @@ from ..scores.tables import read_scores
 from .above_bound import above_bound
 from .breakdown import page_section
 from .cell import Cell, common_noun
-from .charts import VERDICT_MARKS, save_charts
+from .charts import STILLS, VERDICT_MARKS, save_charts
 from .data import base_cells, cells_of, read_run, seeds_of, unit_scale
 from .exports import EXPORTS, write_exports
 from .front import mark_front
@@ -80,6 +80,7 @@ def write_report(run_dir: str | Path) -> Path:
         stresses=charts.stresses,
         estimators=_legend(ran, order, styles),
         chart_svg=save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg", styles),
+        stills=STILLS,
         stress_svg=static_stresses(charts.groups, styles),
         table=score_table(ran),
         verdict_marks=VERDICT_MARKS,

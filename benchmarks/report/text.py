@@ -162,6 +162,8 @@ def skips_of_cells(cells: list[Cell]) -> dict[str, str]:
 def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> list[str]:
     """Three sentences: the smallest error and its significance, the fastest estimator, and the estimators that fail.
 
+    Of several quantities the first only introduces, and a sentence for each stands between it and the last.
+
     Main arguments:
         table: scores. pairs: rows of pairs.csv, if there are any.
     """
@@ -185,8 +187,8 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
 
 
 def _of_each(groups: Mapping[str, list[Cell]], tried: str) -> list[str]:
-    """The smallest error and the fastest estimator of each quantity: errors and times of different quantities have no order."""
-    least, quickest = [], []
+    """A sentence for each quantity, the smallest error and the fastest estimator: errors and times of different ones have no order."""
+    said = [f"On {tried}, by what is estimated:"]
     for name, cells in groups.items():
         ranked = [r for r in rank(cells) if r.cells]
         if not ranked:
@@ -194,12 +196,14 @@ def _of_each(groups: Mapping[str, list[Cell]], tried: str) -> list[str]:
         best, fastest = ranked[0], _fastest(ranked)
         example = min((c for c in cells if c.label == best.label and c.ok), key=lambda c: c.rmse_full)
         factor, unit = unit_scale(example)
-        least.append(f"{name}: {best.label}, down to {number(example.rmse_full * factor)} {unit}")
-        quickest.append(
-            f"{name}: {fastest.label}, {time_text(fastest.cpu_per_element_s)} of CPU time per {common_noun(cells)} at "
-            f"{number(fastest.error_ratio)} times the smallest error"
-        )
-    return [f"On {tried}, smallest error of {'; '.join(least)}.", f"Fastest for {'; '.join(quickest)}."]
+        least = f"{name}: {best.label} has the smallest error, down to {number(example.rmse_full * factor)} {unit}"
+        time = f"{time_text(fastest.cpu_per_element_s)} of CPU time per {common_noun(cells)}"
+        if fastest.label == best.label:
+            said.append(f"{least}; it is also the fastest, {time}.")
+        else:
+            ratio = number(fastest.error_ratio)
+            said.append(f"{least}; {fastest.label} is the fastest, {time} at {ratio} times the smallest error.")
+    return said
 
 
 def _of_one(base: list[Cell], ranked: list[Ranked], pairs: Sequence[Mapping[str, Any]], tried: str) -> list[str]:
