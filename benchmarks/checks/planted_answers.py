@@ -86,13 +86,13 @@ class _Changes(xr.Dataset):
 @planted
 def data_set_that_raises(capture: xr.Dataset) -> Any:
     """Return a kind of data set that ends the process when it is read."""
-    return _Raises(answer(capture))
+    return _Raises(dict(answer(capture).data_vars))
 
 
 @planted
 def data_set_that_changes(capture: xr.Dataset) -> Any:
     """Return a kind of data set that is another one each time it is read."""
-    return _Changes(answer(capture))
+    return _Changes(dict(answer(capture).data_vars))
 
 
 class _Lazy:
