@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...scenes.plain_text import plain_text
 from ..folders.files import write_atomic, write_text
 from .cell import Cell, common_noun
 from .data import unit_scale
@@ -18,7 +19,16 @@ from .text import number, rate, span
 if TYPE_CHECKING:
     import altair as alt
 
-__all__ = ["CHOSEN", "chosen_opacity", "finished", "panel_title", "panels_of", "save_charts", "speed_accuracy_spec"]
+__all__ = [
+    "CHOSEN",
+    "chosen_opacity",
+    "finished",
+    "panel_title",
+    "panels_of",
+    "save_charts",
+    "speed_accuracy_spec",
+    "svg_of",
+]
 
 FRONT, BOUND, DOUBT, GROUND = "#D55E00", "#8a8f98", "#b00020", "var(--card)"
 #: Marks of the verdicts before the names, in charts and tables.
@@ -215,7 +225,7 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
         for panel, group in panels.items()
     ]
     spec = finished(alt.concat(*charts, columns=3), page=False)
-    drawing: str = vlc.vegalite_to_svg(spec)
+    drawing = svg_of(spec)
     image: bytes = vlc.svg_to_png(drawing, scale=2.0)
     write_atomic(png, lambda path: _write(path, image))
     write_text(svg, drawing)
@@ -224,6 +234,22 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
 
 def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
+
+
+def svg_of(spec: dict[str, Any]) -> str:
+    """The SVG of a finished chart. Names of strangers may hold characters that XML does not have; a zero byte ended the process."""
+    import vl_convert as vlc
+
+    svg: str = vlc.vegalite_to_svg(_plain(spec))
+    return svg
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str):
+        return plain_text(value)
+    if isinstance(value, Mapping):
+        return {plain_text(str(name)): _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def finished(chart: Any, *, page: bool) -> dict[str, Any]:

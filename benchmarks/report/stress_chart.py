@@ -8,7 +8,7 @@ from typing import Any
 
 from ..statistics.levels import is_log
 from .cell import Cell, common_noun
-from .charts import chosen_opacity, finished
+from .charts import chosen_opacity, finished, svg_of
 from .data import by_quantity
 from .layout import HEIGHT, WIDTH
 from .styles import Style, styles_of
@@ -90,7 +90,6 @@ def _is_number(text: str) -> bool:
 def static_stresses(groups: Mapping[str, list[Cell]], styles: Mapping[str, Style]) -> str:
     """SVG text of all panels (title -> cells), for readers without scripts; "" without a panel."""
     import altair as alt
-    import vl_convert as vlc
 
     if not groups:
         return ""
@@ -99,5 +98,4 @@ def static_stresses(groups: Mapping[str, list[Cell]], styles: Mapping[str, Style
         for title, cells in groups.items()
     ]
     joined = alt.concat(*charts, columns=3).resolve_scale(color="independent", shape="independent")
-    drawing: str = vlc.vegalite_to_svg(finished(joined, page=False))
-    return drawing
+    return svg_of(finished(joined, page=False))
