@@ -4,9 +4,10 @@ A mean over neighbours lowers the noise and gives up resolution; on scenes with 
 second differences D x = x[i−2] − 2 x[i] + x[i+2] along every direction of an image, a line or a scan, over elements with one true
 value that are valid at all three places,
 
-    response = Σ Dx̂ Dx / Σ (Dx)²,    standard error = √Σ (w e)²,   w = Dᵀ D x / Σ (Dx)²,
+    response R = Σ Dx̂ Dx / Σ (Dx)²,    standard error = √Σ w² s²,   w = Dᵀ D x / Σ (Dx)²,   s² = (Dx̂ − R Dx)²/6,
 
-since the response is 1 + Σ w e, e = estimate − truth, linear in the errors, which are taken as independent. D's transfer is
+since the response is linear in the noise of elements, which is taken as independent, and its variance s² is read from what is
+left beside the response. D's transfer is
 −4 sin²(2π f), which is largest at a period of four elements (half the Nyquist frequency) and zero for planes: those have no detail.
 An estimator that reads each element by itself has 1; a mean over three neighbours of a line has .5 at a step, one over five .1,
 one over all 0. A median keeps steps. A spacing of two lets a step pass whose own element is mixed.
@@ -35,6 +36,7 @@ __all__ = [
 ]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
 
 #: Dimensions along which elements are neighbours in space.
 _DIRECTIONS = ("row", "col", "shot")
@@ -62,34 +64,54 @@ RESOLUTION_COLUMNS = (*KEY, "modality", "quantity", "n", "response", "response_e
 Response = tuple[float, float]
 
 
-def response(
-    estimate: Float, valid: npt.NDArray[np.bool_], truth: Float, axes: Sequence[int]
-) -> tuple[float, float, int]:
+def response(estimate: Float, valid: Bool, truth: Float, axes: Sequence[int]) -> tuple[float, float, int]:
     """(response, standard error, number of second differences) along the given axes; NaN without detail.
 
     Main arguments:
         estimate, truth: values of one shape; elements that are not `valid` are left out. axes: directions, by number.
     """
-    error = np.where(valid, estimate - truth, 0.0)
-    held = np.where(valid, truth, 0.0)
-    adjoint = np.zeros(held.shape)
-    square, count = 0.0, 0
-    for axis in axes:
-        x, used, back = (np.moveaxis(array, axis, -1) for array in (held, valid, adjoint))
-        if x.shape[-1] <= 2 * _SPACING:
-            continue
-        parts = (slice(None, -2 * _SPACING), slice(_SPACING, -_SPACING), slice(2 * _SPACING, None))
-        early, middle, late = (x[..., part] for part in parts)
-        whole = np.logical_and.reduce([used[..., part] for part in parts])
-        d = np.where(whole, early - 2.0 * middle + late, 0.0)
-        for part, factor in zip(parts, (1.0, -2.0, 1.0), strict=True):
-            back[..., part] += factor * d
-        square += float((d**2).sum())
-        count += int(whole.sum())
+    found = [_Differences(np.where(valid, estimate, 0.0), np.where(valid, truth, 0.0), valid, axis) for axis in axes]
+    found = [one for one in found if one.whole.size]
+    square = sum(float((one.truth**2).sum()) for one in found)
+    count = sum(int(one.whole.sum()) for one in found)
     if not square > 0.0:
         return math.nan, math.nan, count
-    w = adjoint / square
-    return 1.0 + float((w * error).sum()), float(np.sqrt(((w * error) ** 2).sum())), count
+    share = sum(float((one.estimate * one.truth).sum()) for one in found) / square
+    adjoint, noise, known = np.zeros(truth.shape), np.zeros(truth.shape), np.zeros(truth.shape)
+    for one in found:
+        one.back(one.truth, adjoint)
+        # D of white noise has six times its variance.
+        one.middle((one.estimate - share * one.truth) ** 2 / 6.0, noise)
+        one.middle(one.whole, known)
+    mean = float(noise.sum() / known.sum())
+    variance = np.divide(noise, known, out=np.full(truth.shape, mean), where=known > 0)
+    return share, float(np.sqrt((adjoint**2 * variance).sum())) / square, count
+
+
+class _Differences:
+    """Second differences along one axis, zero where one of the three elements is not valid; `whole`: where all are."""
+
+    def __init__(self, estimate: Float, truth: Float, valid: Bool, axis: int) -> None:
+        self.axis = axis
+        self.parts = (slice(None, -2 * _SPACING), slice(_SPACING, -_SPACING), slice(2 * _SPACING, None))
+        self.whole = np.logical_and.reduce([self._part(valid, number) for number in range(3)])
+        self.estimate, self.truth = (self._of(array) for array in (estimate, truth))
+
+    def _part(self, array: Any, number: int) -> Any:
+        return np.moveaxis(array, self.axis, -1)[..., self.parts[number]]
+
+    def _of(self, array: Float) -> Float:
+        early, middle, late = (self._part(array, number) for number in range(3))
+        return np.where(self.whole, early - 2.0 * middle + late, 0.0)
+
+    def back(self, values: Float, into: Float) -> None:
+        """Add the adjoint of D, of values, to an array."""
+        for number, factor in enumerate((1.0, -2.0, 1.0)):
+            self._part(into, number)[...] += factor * values
+
+    def middle(self, values: Any, into: Float) -> None:
+        """Add values to the elements in the middle of their differences."""
+        self._part(into, 1)[...] += values
 
 
 def resolution_rows(
