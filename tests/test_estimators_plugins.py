@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 
 import beambench
+from beambench.estimators import registry
 
 SIZE = {"rig.camera.rows": 8, "rig.camera.cols": 8}
 
@@ -252,3 +253,18 @@ def test_a_plugin_that_cannot_be_imported_is_not_broken(tmp_path: Path) -> None:
     _install(package, tmp_path / "site")
     done = _beambench(tmp_path / "site", "break", "my-broken", "-o", str(tmp_path / "out"))
     assert done.returncode == 2 and "cannot be imported" in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("points", [b"\xff\xfe\x00[beambench.estimators]\n", b"[beambench.estimators]\nother\n= x:y\n"])
+def test_a_package_without_a_readable_list_hides_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, points: bytes
+) -> None:
+    """It ended every command that lists estimators with an internal error."""
+    for name, text in (("broken", points), ("sound", b"[beambench.estimators]\nsound-one = m:f\n")):
+        info = tmp_path / f"{name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_bytes(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.warns(UserWarning, match=r"broken-1\.0\.dist-info has no readable list of entry points"):
+        assert "sound-one" in registry.list_estimators()
