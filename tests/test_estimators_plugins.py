@@ -16,7 +16,6 @@ import pandas as pd
 import pytest
 
 import beambench
-from beambench.estimators import registry
 
 SIZE = {"rig.camera.rows": 8, "rig.camera.cols": 8}
 
@@ -256,15 +255,18 @@ def test_a_plugin_that_cannot_be_imported_is_not_broken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("points", [b"\xff\xfe\x00[beambench.estimators]\n", b"[beambench.estimators]\nother\n= x:y\n"])
-def test_a_package_without_a_readable_list_hides_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, points: bytes
-) -> None:
-    """It ended every command that lists estimators with an internal error."""
-    for name, text in (("broken", points), ("sound", b"[beambench.estimators]\nsound-one = m:f\n")):
-        info = tmp_path / f"{name}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_bytes(text)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.warns(UserWarning, match=r"broken-1\.0\.dist-info has no readable list of entry points"):
-        assert "sound-one" in registry.list_estimators()
+def test_a_package_without_a_readable_list_of_entry_points_is_named(tmp_path: Path, points: bytes) -> None:
+    """Every command that listed estimators, or opened a store (xarray reads all lists), ended with an internal error."""
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_bytes(points)
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), *(path or os.getcwd() for path in sys.path)])
+    }
+    for words in (["estimators", "list"], ["generate", "flat-wall", "--out", str(tmp_path / "s.zarr")]):
+        done = subprocess.run(
+            [sys.executable, "-m", "beambench", *words], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 2 and "no readable list of entry points" in done.stderr, done.stderr
+        assert "broken-1.0.dist-info" in done.stderr and "Traceback" not in done.stderr
