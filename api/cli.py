@@ -187,6 +187,12 @@ def _print_errors(*lines: str) -> int:
 
 
 def _internal(error: Exception, debug: bool) -> int:
+    try:
+        from .estimators.points import plugin_points
+
+        plugin_points()
+    except InputError as broken:  # then libraries fail too, wherever they look for their plug-ins
+        return _print_errors(f"error: {broken}")
     print(plain_text(f"internal error: {type(error).__name__}: {_one_line(str(error))}"), file=sys.stderr)
     if not debug:
         print("  next:    run the command again with --debug, and report the traceback as a bug", file=sys.stderr)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import time
 import warnings
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..estimators.chain import is_built_in
 from ..scenes.errors import InputError
 from .folders.files import write_json
-from .folders.journal import Journal, without_nan
+from .folders.journal import Journal, with_nan, without_nan
 from .folders.kinds import RUN
 from .folders.progress import Progress, silent
 from .folders.record import TABLES_VERSION, machine, now, versions
@@ -23,16 +22,17 @@ from .report.above_bound import bound_warnings
 from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row, slow_starts, write_costs
 from .runner.estimator_labels import Chosen, check_estimators
-from .runner.jail import isolation
+from .runner.jail import NO_JAIL, isolation, jailed
 from .runner.protocol import content_id
 from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
 from .runner.spool import Entry, Spool
-from .scores.error_tiles import TileKey, tile_sums, write_tiles
+from .scores.error_tiles import TileKey, main_tiles, write_tiles
 from .scores.inputs import input_rows, write_inputs
+from .scores.resolution import resolution_rows, resolution_warnings, write_resolution
 from .scores.score import score_rows
 from .scores.tables import sort_rows, write_tables
-from .scores.truth import Bound, Truth, aligned, errors_of, refusal_error, single_valued
+from .scores.truth import Truth, aligned, errors_of
 from .statistics.skips import not_applicable, skipped_rows, skips_of
 from .suites.sealed import Key
 from .suites.spec import Split, check_split
@@ -130,9 +130,12 @@ def _run_in(folder: Path, run: _Run, cells: list[Cell], settings: dict[str, Any]
     run.warnings = list(dict.fromkeys(f"{item.category.__name__}: {item.message}" for item in caught))
     rows = sort_rows(run.rows)
     tick = time.perf_counter()
-    write_tables(folder, rows, run.tiles)
+    write_tables(folder, rows, run.tiles, jail=jailed())
     run.warnings += bound_warnings(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
+    run.warnings += [] if jailed() else [f"IsolationWarning: {NO_JAIL}"]
+    run.warnings += [f"ResolutionWarning: {sentence}" for sentence in resolution_warnings(run.resolution)]
     write_costs(folder, run.costs)
+    write_resolution(folder, run.resolution)
     write_tiles(folder, run.tiles)
     write_inputs(folder, run.inputs)
     run.stages["tables"] = time.perf_counter() - tick
@@ -187,6 +190,7 @@ class _Run:
             (folder / part).mkdir(exist_ok=True)
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
+        self.resolution: list[dict[str, Any]] = []
         self.tiles: dict[TileKey, tuple[Any, Any]] = {}
         self.inputs: list[dict[str, Any]] = []
         self._device = str(machine()["device_class"])
@@ -338,8 +342,14 @@ class _Run:
         if not not_applicable(outcome.status):
             cost = cost_row(key, outcome, device_class=self._device, source="measured" if fresh else "cache")
             beside["cost"] = without_nan(cost)
+            if outcome.status == "ok":
+                beside["resolution"] = [
+                    without_nan(row) for row in resolution_rows(key, outcome.stage, outcome.arrays, truth)
+                ]
             if cell.level != cell.level:
-                beside["tiles"] = _tiles(outcome, truth, bound)
+                beside["tiles"] = main_tiles(
+                    outcome.stage, outcome.arrays if outcome.status == "ok" else {}, truth, bound
+                )
         self._keep(entry, job.condition, chosen, rows, beside)
         self.journal.add(self._journal_key(entry, job.condition, chosen), rows, **beside)
         if outcome.status.startswith("skip:"):
@@ -374,7 +384,8 @@ class _Run:
         """Add the rows of one estimate, its cost and its errors by tile to those of the run."""
         self.rows += rows
         if "cost" in beside:
-            self.costs.append({name: math.nan if v is None else v for name, v in beside["cost"].items()})
+            self.costs.append(with_nan(beside["cost"]))
+        self.resolution += [with_nan(row) for row in beside.get("resolution", ())]
         if "tiles" in beside:
             sums, counts = beside["tiles"]
             self.tiles[entry.cell.scene_name, condition, entry.cell.seed, chosen.label] = (sums, counts)
@@ -393,18 +404,6 @@ class _Run:
         truth, bound = spool.truth(entry)
         spool.drop(entry)
         spool.add(entry.index, entry.cell, capture, self._conditions(entry.cell, capture), truth, bound)
-
-
-def _tiles(outcome: Outcome, truths: Mapping[str, Truth], bounds: Mapping[str, Bound]) -> list[Any]:
-    """Sums and counts of the squared errors of an estimate's main quantity, by tile."""
-    quantity = outcome.stage.gives[0]
-    truth, bound = truths[quantity.name], bounds[quantity.name]
-    answer = None
-    if outcome.status == "ok" and outcome.arrays:
-        value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
-        answer = value, valid
-    sums, counts = tile_sums(answer, truth, refusal_error(truth, single_valued(truth), bound))
-    return [sums.tolist(), counts.tolist()]
 
 
 def _first_seed(loaded: Loaded, cell: Cell) -> int:

@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import Any, TypeVar, cast
 
 import xarray as xr
@@ -19,12 +19,12 @@ from ..scenes.forks import refuse_forked
 from .builtin import BUILTIN, WITHHELD
 from .chain import chained_function, check_chain
 from .labels import LINK, check_parameters, format_label, links_of, parse_label
+from .points import ENTRY_POINT_GROUP, plugin_points
 from .result import check_result
 from .rig import read_rig
 
 __all__ = ["ENTRY_POINT_GROUP", "Estimator", "estimator", "get_estimator", "list_estimators", "run_estimator"]
 
-ENTRY_POINT_GROUP = "beambench.estimators"
 _MARK = "__beambench_estimator__"
 _F = TypeVar("_F", bound=Callable[..., xr.Dataset])
 
@@ -138,7 +138,7 @@ def _plugins() -> dict[str, EntryPoint]:
 def _plugins_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
     # Kept per search path: a scan of all installed packages takes as long as an estimator does.
     found: dict[str, EntryPoint] = {}
-    for point in entry_points(group=ENTRY_POINT_GROUP):
+    for point in plugin_points():
         other = found[point.name].value if point.name in found else BUILTIN.get(point.name)
         if other is not None and other != point.value:
             raise InputError(

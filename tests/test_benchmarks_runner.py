@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from beambench.benchmarks.runner.house import machine_failure
 from beambench.benchmarks.runner.protocol import (
     THREAD_VARIABLES,
     file_sums,
@@ -265,14 +266,32 @@ def test_each_misdeed_is_a_status(plugins: Path, tmp_path: Path, name: str, stat
     ("name", "told"), [("x-full-disk", "No space left"), ("x-broken-cache", "cache of compiled kernels")]
 )
 def test_a_failure_of_the_machine_ends_the_run_and_is_no_status(
-    plugins: Path, tmp_path: Path, name: str, told: str
+    plugins: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, told: str
 ) -> None:
-    """It was "error: …" before, which counts as 100 % failed pixels of the estimator."""
+    """It was "error: …" before, which counts as 100 % failed pixels of the estimator. The runner finds it so too."""
+    monkeypatch.setattr("beambench.benchmarks.runner.attempt.machine_failure", lambda folder: "no space")
     outcomes: list[Outcome] = []
     with pytest.raises(InputError, match=told) as caught:
         run_jobs(name, spool(tmp_path), LIMITS, tmp_path / "scratch", outcomes.append)
     assert not outcomes
     assert "not the estimator" in caught.value.what and name in str(caught.value.where)
+
+
+@pytest.mark.parametrize(("name", "told"), [("x-full-disk", "OSError: [Errno 28]"), ("x-broken-cache", "cache of")])
+def test_a_plugins_word_that_the_machine_failed_is_its_own_error(
+    plugins: Path, tmp_path: Path, name: str, told: str
+) -> None:
+    """One that only says so ended everybody's run."""
+    outcomes = run(name, tmp_path)
+    assert len(outcomes) == 2 and all(outcome.status.startswith(f"error: {told}") for outcome in outcomes)
+
+
+def test_the_runner_finds_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    assert machine_failure(tmp_path / "new") == ""
+    (tmp_path / "file").write_text("")
+    assert machine_failure(tmp_path / "file").startswith("FileExistsError")
+    if os.path.exists("/dev/full"):
+        assert machine_failure(Path("/proc"))
 
 
 def test_a_spool_that_cannot_be_read_is_a_failure_of_the_machine(plugins: Path, tmp_path: Path) -> None:

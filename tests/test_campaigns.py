@@ -11,6 +11,7 @@ import pytest
 
 from beambench.benchmarks.checks import attempts, flips, fuzz, fuzz_subjects, interrupted_work, mutations, traced
 from beambench.benchmarks.folders.files import write_json, write_text
+from beambench.benchmarks.report.charts import svg_of
 from beambench.benchmarks.report.pairs import pairs_section
 from beambench.benchmarks.report.ranking import ranking_section
 from beambench.benchmarks.scores.tables import read_scores
@@ -79,6 +80,16 @@ def test_half_a_character_is_written_as_an_escape(tmp_path: Path) -> None:
     write_json(tmp_path / "data", {"a\ud800": "\udcff"})
     assert (tmp_path / "page").read_bytes() == rb"a\ud800"
     assert json.loads((tmp_path / "data").read_text()) == {"a\ud800": "\udcff"}
+
+
+def test_a_name_with_a_zero_byte_is_drawn() -> None:
+    """XML has no such character, and the library that draws ended the process (SIGABRT)."""
+    spec = {
+        "data": {"values": [{"a\0": "b\0\x1b"}]},
+        "mark": "text",
+        "encoding": {"text": {"field": "a\\0", "type": "nominal"}},
+    }
+    assert svg_of(spec | {"title": "t\0\ud800"}).count(r"\x00") >= 1
 
 
 def test_flipped_bits_are_found_and_mended() -> None:

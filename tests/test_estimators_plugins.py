@@ -252,3 +252,21 @@ def test_a_plugin_that_cannot_be_imported_is_not_broken(tmp_path: Path) -> None:
     _install(package, tmp_path / "site")
     done = _beambench(tmp_path / "site", "break", "my-broken", "-o", str(tmp_path / "out"))
     assert done.returncode == 2 and "cannot be imported" in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("points", [b"\xff\xfe\x00[beambench.estimators]\n", b"[beambench.estimators]\nother\n= x:y\n"])
+def test_a_package_without_a_readable_list_of_entry_points_is_named(tmp_path: Path, points: bytes) -> None:
+    """Every command that listed estimators, or opened a store (xarray reads all lists), ended with an internal error."""
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_bytes(points)
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), *(path or os.getcwd() for path in sys.path)])
+    }
+    for words in (["estimators", "list"], ["generate", "flat-wall", "--out", str(tmp_path / "s.zarr")]):
+        done = subprocess.run(
+            [sys.executable, "-m", "beambench", *words], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 2 and "no readable list of entry points" in done.stderr, done.stderr
+        assert "broken-1.0.dist-info" in done.stderr and "Traceback" not in done.stderr

@@ -106,18 +106,18 @@ def test_unmarked_function_and_other_modality_are_refused() -> None:
 
 def test_good_plugin_runs_and_a_duplicate_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     here = "beambench.estimators.gated.peak:peak"
-    monkeypatch.setattr(registry, "entry_points", lambda group: [EntryPoint("third", here, group)])
+    monkeypatch.setattr(registry, "plugin_points", lambda: [EntryPoint("third", here, "g")])
     registry._plugins_on.cache_clear()
     try:
         assert "third" in list_estimators()
         assert run_estimator("third", _capture()).attrs["estimator"] == "third"
         clash = [EntryPoint("parabola", here, "g"), EntryPoint("third", here, "g")]
-        monkeypatch.setattr(registry, "entry_points", lambda group: clash)
+        monkeypatch.setattr(registry, "plugin_points", lambda: clash)
         registry._plugins_on.cache_clear()
         with pytest.raises(InputError, match="Two estimators are named parabola"):
             list_estimators()
         broken = [EntryPoint("gone", "no_such_module_here:f", "g")]
-        monkeypatch.setattr(registry, "entry_points", lambda group: broken)
+        monkeypatch.setattr(registry, "plugin_points", lambda: broken)
         registry._plugins_on.cache_clear()
         with pytest.raises(InputError, match="cannot be imported"):
             get_estimator("gone")

@@ -48,6 +48,36 @@ def test_what_a_killed_owner_left_is_removed_by_the_next(temporary: Path) -> Non
     assert list(temporary.iterdir()) == []
 
 
+def test_a_kill_as_a_folder_was_made_leaves_it_for_an_hour(temporary: Path) -> None:
+    """Between mkdir and the lock it is empty; between the lock and its name it holds the file under another one."""
+    empty, young, unnamed, full = (temporary / f"beambench-run-{letter * 8}" for letter in "abcd")
+    for folder in (empty, young, unnamed, full):
+        folder.mkdir()
+    (unnamed / f"{LOCK}.new").touch()
+    (full / "thesis.tex").write_text("dear to somebody")
+    for folder in (empty, full):
+        os.utime(folder, (time.time() - 4000,) * 2)
+    assert sorted(sweep()) == [empty, unnamed]
+    assert sorted(temporary.iterdir()) == [young, full] and (full / "thesis.tex").is_file()
+
+
+def test_a_kill_as_a_folder_is_removed_leaves_it_to_the_next(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file goes last."""
+    folder = temporary / "beambench-run-aaaaaaaa"
+    folder.mkdir()
+    for name in ("a", LOCK, "z"):
+        (folder / name).touch()
+    real, left = os.unlink, []
+
+    def killed(path: Any, **named: Any) -> None:
+        real(path, **named)
+        left.append(sorted(os.listdir(folder)))
+
+    monkeypatch.setattr(os, "unlink", killed)
+    assert sweep() == [folder] and not folder.exists()
+    assert len(left) == 3 and all(LOCK in names for names in left[:2]) and left[2] == []
+
+
 @pytest.mark.parametrize("call", ["mkdir", "rmdir"])
 def test_a_signal_as_the_folder_is_made_or_removed_leaves_nothing(
     call: str, temporary: Path, monkeypatch: pytest.MonkeyPatch

@@ -8,7 +8,7 @@ for something has gained if it got it; one of time, if its median call took less
 its mean square error is below .8 of the honest estimator's (a guess: of refusing everything); one that leaves something, if that
 is there after the run.
 
-The suite: three captures of a wall, each at a distance drawn for it, under the conditions matched and calibrated.
+The suite: three captures of a rough wall, each at a distance drawn for it, under the conditions matched and calibrated.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from ..runner.costs import quickened
 from ..runner.jail import OFF, isolation
 from ..runner.session import Job, Outcome, Session, run_sessions
 from ..runner.spool import Entry, Spool
+from ..scores.resolution import gives_up, pooled_response, resolution_rows
 from ..scores.score import score_rows
 from ..scores.truth import refusal_error, single_valued
 from ..statistics.suspects import suspicion
@@ -223,6 +224,7 @@ def _slow_start(outcomes: list[Outcome]) -> str:
 def _scores(outcomes: list[Outcome], honest: list[Outcome], entries: list[Entry], spool: Spool) -> tuple[str, bool]:
     """(what marks the rows, whether the mean square over the captures is below .8 of the honest one's)."""
     flags: list[str] = []
+    kept: list[dict[str, Any]] = []
     square = []
     for found in (outcomes, honest):
         total = 0.0
@@ -232,10 +234,13 @@ def _scores(outcomes: list[Outcome], honest: list[Outcome], entries: list[Entry]
             total += float(row["rmse_full"]) ** 2
             if found is outcomes:
                 flags.append(suspicion(row["rmse"], row["bound"], row["n"], row["bound_kind"]))
+                kept += resolution_rows(_KEY, outcome.stage, outcome.arrays, truth) if outcome.arrays else []
         square.append(total / len(found))
     guess = sum(_refusal(entry, spool) ** 2 for entry in entries) / len(entries)
     # A guess gains where it costs less than to refuse everything.
     compared = guess if _constant(outcomes) else square[1]
+    if gives_up(share := pooled_response(kept)):
+        flags.append(f"keeps {share[0]:.2f} ± {share[1]:.2f} of the detail")
     return next(filter(None, flags), ""), square[0] < 0.8 * compared
 
 

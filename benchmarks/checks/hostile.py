@@ -3,7 +3,7 @@
     python -m beambench.benchmarks.checks.hostile
 
 Each is given to the command that reads it, in a process of its own. It holds if the command ends with exit code 2 and no
-traceback within 60 seconds and 4 GiB.
+traceback within 60 seconds of CPU time and 4 GiB.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import gzip
 import io
 import json
 import os
+import resource
 import struct
 import subprocess
 import sys
@@ -31,7 +32,7 @@ from .example_modalities import IMAGING
 
 __all__ = ["CASES", "SCENE", "main"]
 
-_MOST_S = 60.0
+_MOST_S = 60
 _MOST_BYTES = 4 * 2**30
 
 Case = Callable[[Path], list[str]]
@@ -361,15 +362,17 @@ def _run(case: Case) -> tuple[str, int]:
                 [sys.executable, "-m", "beambench", *words], stdout=told, stderr=told, stdin=subprocess.DEVNULL,
                 env=os.environ | {"PYTHONPATH": path},
             )  # fmt: skip
+            # CPU time: a busy machine decides nothing. A child that waits is not ended by it.
+            resource.prlimit(child.pid, resource.RLIMIT_CPU, (_MOST_S, _MOST_S))
             while True:
                 pid, status, usage = os.wait4(child.pid, os.WNOHANG)
                 if pid:
                     child.returncode = os.waitstatus_to_exitcode(status)
                     break
-                if time.monotonic() - start > _MOST_S:
+                if time.monotonic() - start > 10 * _MOST_S:
                     child.kill()
                     child.wait()
-                    return f"over {_MOST_S:g} s", 0
+                    return f"over {10 * _MOST_S} s", 0
                 time.sleep(0.02)
             told.seek(0)
             text = told.read().decode(errors="replace")

@@ -231,7 +231,7 @@ def writes_pickles(capture: xr.Dataset) -> Any:
     def pickled(file: Any, array: Any, **named: Any) -> None:
         held(file, np.array([Runs()], object), allow_pickle=True)
 
-    np.save = pickled
+    np.save = pickled  # type: ignore[assignment]
     return answer(capture)
 
 
@@ -244,7 +244,7 @@ def writes_half(capture: xr.Dataset) -> Any:
         held(file, array, **named)
         os.truncate(file, os.path.getsize(file) // 2)
 
-    np.save = halved
+    np.save = halved  # type: ignore[assignment]
     return answer(capture)
 
 
@@ -278,7 +278,7 @@ def breaks_builtins(capture: xr.Dataset) -> Any:
 def shallow(capture: xr.Dataset) -> Any:
     """Allow only a few calls in calls."""
     found = answer(capture)
-    sys.setrecursionlimit(sys.getswitchinterval() > 0 and 25)
+    sys.setrecursionlimit(25)
     return found
 
 

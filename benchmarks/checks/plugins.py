@@ -1,10 +1,12 @@
-"""What becomes of hostile plug-ins: each runs beside an honest estimator in a small suite, as a command of its own.
+"""What becomes of hostile plug-ins: they run beside an honest estimator in a small suite, as a command of its own.
 
     python -m beambench.benchmarks.checks.plugins [--only PART]
 
 A plug-in is contained if `beambench run` ends with 0, every capture has the rows of the honest estimator as without the plug-in
 (all but times and memory), the plug-in has a row with a status for each capture, and nothing is left: no file beside the output,
-no temporary folder, no process. One whose package has no readable list of entry points is no estimator at all; there the run must
+no temporary folder, no process. Eight run in one command; where something does not hold, each of them runs alone.
+
+One whose package has no readable list of entry points is no estimator at all; there the run must
 end with 0 or with 2 and a clear error. The table tells the statuses.
 """
 
@@ -18,7 +20,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,7 @@ from .attempts import Attempts, print_attempts
 from .interrupted_work import OF_THE_MACHINE, small_suite
 from .traced import Ended, preload, run_forked
 
-__all__ = ["PLUGINS", "Plugin", "contained", "main", "plugins"]
+__all__ = ["PLUGINS", "Plugin", "Verdict", "contained", "main", "plugins"]
 
 _HONEST = "weighted-average"
 #: Marks all processes of an attempt.
@@ -67,6 +69,18 @@ class Plugin:
         found = getattr(import_module(f"{__package__}.{self.module}"), self.name)
         return str(found.__doc__).strip().split("\n")[0]
 
+
+@dataclass(frozen=True)
+class Verdict:
+    """Why a plug-in is not contained, or ""; the statuses of its rows; the most memory of a process of its command."""
+
+    problem: str
+    status: str
+    peak_bytes: int
+
+
+#: Plug-ins in one command.
+_TOGETHER = 8
 
 _FUNCTION = """
 from beambench.benchmarks.checks.gated_cheats import answer, planted
@@ -135,11 +149,11 @@ PLUGINS = _listed()
 
 @contextmanager
 def _installed(plugin: Plugin, place: Path) -> Iterator[None]:
-    """Within the block the plug-in is installed for this process and those that it starts."""
-    site = place / f"site-{plugin.name}"
-    info = site / "beambench_hostile-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: beambench_hostile\nVersion: 1.0\n")
+    """Within the block the plug-in, a package of its own, is installed for this process and those that it starts."""
+    site = Path(tempfile.mkdtemp(prefix="site-", dir=place))
+    info = site / f"{plugin.name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {plugin.name}\nVersion: 1.0\n")
     module = f"bb_{plugin.name}"
     (site / f"{module}.py").write_text(plugin.source)
     target = f"beambench.benchmarks.checks.{plugin.module}:{plugin.name}" if plugin.module else f"{module}:estimate"
@@ -162,40 +176,63 @@ def plugins(only: str = "") -> list[Attempts]:
         expected = _rows(place, _HONEST)
         if honest.code != 0 or not expected:
             raise RuntimeError(f"the honest estimator alone: exit {honest.code}: {honest.text[-300:]}")
-        for plugin in PLUGINS.values():
-            if only in plugin.name or only in plugin.module:
-                name = (plugin.module or plugin.name.partition("_")[0]).removeprefix("planted_")
-                part = parts.setdefault(name, Attempts(name))
-                problem, status, peak_bytes = contained(plugin, expected, place)
-                part.used(peak_bytes)
-                print(f"{plugin.name}: {plugin.what} {problem or status}", file=sys.stderr, flush=True)
-                part.failed(f"{plugin.name}: {problem}") if problem else part.held(status.partition(":")[0])
+        for plugin, verdict in _verdicts(
+            [one for one in PLUGINS.values() if only in one.name or only in one.module], expected, place
+        ):
+            name = (plugin.module or plugin.name.partition("_")[0]).removeprefix("planted_")
+            part = parts.setdefault(name, Attempts(name))
+            part.used(verdict.peak_bytes)
+            print(f"{plugin.name}: {plugin.what} {verdict.problem or verdict.status}", file=sys.stderr, flush=True)
+            part.failed(f"{plugin.name}: {verdict.problem}") if verdict.problem else part.held(
+                verdict.status.partition(":")[0]
+            )
     return list(parts.values())
 
 
-def contained(plugin: Plugin, expected: list[dict[str, Any]], place: Path) -> tuple[str, str, int]:
-    """(why it is not contained, or "", its status, peak of memory in bytes)."""
-    with _installed(plugin, place):
-        ended = _run([_HONEST, plugin.label] if plugin.runs else [_HONEST], place)
-    if ended.code is None:
-        return "it hung", "", 0
+def _verdicts(chosen: list[Plugin], expected: list[dict[str, Any]], place: Path) -> Iterator[tuple[Plugin, Verdict]]:
+    """Each plug-in and its verdict; those that are estimators several at a time."""
+    together = [plugin for plugin in chosen if plugin.runs]
+    batches = [together[first : first + _TOGETHER] for first in range(0, len(together), _TOGETHER)]
+    for batch in [*batches, *([plugin] for plugin in chosen if not plugin.runs)]:
+        found = contained(batch, expected, place)
+        if len(batch) > 1 and any(verdict.problem for verdict in found):
+            found = [contained([plugin], expected, place)[0] for plugin in batch]
+        yield from zip(batch, found, strict=True)
+
+
+def contained(batch: Sequence[Plugin], expected: list[dict[str, Any]], place: Path) -> list[Verdict]:
+    """The verdicts of plug-ins that run in one command; `expected`: the rows of the honest estimator alone."""
+    with ExitStack() as installed:
+        for plugin in batch:
+            installed.enter_context(_installed(plugin, place))
+        ended = _run([_HONEST, *(plugin.label for plugin in batch if plugin.runs)], place)
+    problem = _problem(ended, expected, place)
+    refused = ended.code == 2 and "Traceback" not in ended.text
+    found = []
+    for plugin in batch:
+        own = _rows(place, plugin.label)
+        said = "; ".join(sorted({row["status"] for row in own}))
+        if not plugin.runs:
+            said = "refused at the start" if refused else "no estimator"
+            found.append(Verdict("" if refused else problem, said, ended.peak_bytes))
+            continue
+        count = "" if len(own) == len(expected) else f"{len(own)} rows of its own, not {len(expected)}"
+        found.append(Verdict(problem or count, said, ended.peak_bytes))
+    return found
+
+
+def _problem(ended: Ended, expected: list[dict[str, Any]], place: Path) -> str:
+    """What did not hold of a command, but the rows of the plug-ins; ""."""
     left = [*_processes(), *(path.name for path in (place / "tmp").iterdir())]
-    rows, own = _rows(place, _HONEST), _rows(place, plugin.label)
-    problem = ""
-    if not plugin.runs and ended.code == 2 and "Traceback" not in ended.text:
-        return (f"left: {left}" if left else ""), "refused at the start", ended.peak_bytes
+    if ended.code is None:
+        return "it hung"
     if ended.code != 0:
-        problem = f"exit {ended.code}: {ended.text[-300:]!r}"
-    elif rows != expected:
-        problem = "other rows are not as they were"
-    elif (place / "guard.txt").read_text() != "mine":
-        problem = "a file of others was changed"
-    elif left:
-        problem = f"left: {left}"
-    elif plugin.runs and len(own) != len(expected):
-        problem = f"{len(own)} rows of its own, not {len(expected)}"
-    said = sorted({row["status"] for row in own})
-    return problem, "; ".join(said) if plugin.runs else "no estimator", ended.peak_bytes
+        return f"exit {ended.code}: {ended.text[-300:]!r}"
+    if _rows(place, _HONEST) != expected:
+        return "other rows are not as they were"
+    if (place / "guard.txt").read_text() != "mine":
+        return "a file of others was changed"
+    return f"left: {left}" if left else ""
 
 
 def _run(labels: list[str], place: Path) -> Ended:
@@ -205,6 +242,7 @@ def _run(labels: list[str], place: Path) -> Ended:
     (place / "tmp").mkdir()
     (place / "guard.txt").write_text("mine")
     suite = small_suite() | {"estimators": labels, "limits": _LIMITS}
+    suite["stresses"] = [{"axis": "photons", "values": [10.0]}]
     (place / "suite.json").write_text(json.dumps(suite))
     words = ["run", str(place / "suite.json"), "--out", str(place / "out"), "--no-report"]
     return run_forked(words, place, environment={"TMPDIR": str(place / "tmp"), _TOKEN: "1"})
@@ -237,7 +275,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign and print its table. Returns 1 where a plug-in was not contained."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--only", default="", help="part of the name of a plug-in or its module")
-    return print_attempts(plugins(parser.parse_args(arguments).only))
+    only = parser.parse_args(arguments).only
+    return print_attempts(plugins(only))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from typing import Any
 from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
 
-__all__ = ["Journal", "default_folder", "without_nan"]
+__all__ = ["Journal", "default_folder", "with_nan", "without_nan"]
 
 
 def default_folder(name: str) -> Path:
@@ -66,7 +66,7 @@ class Journal:
                     continue
                 try:
                     entry = read_json(line)
-                    key, rows = tuple(map(str, entry["key"])), [_with_nan(row) for row in entry["rows"]]
+                    key, rows = tuple(map(str, entry["key"])), [with_nan(row) for row in entry["rows"]]
                     beside = dict(entry.get("beside") or {})
                 except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
                     continue  # the last line of an interrupted write, or a damaged one: that work is repeated
@@ -134,5 +134,6 @@ def without_nan(row: Mapping[str, Any]) -> dict[str, Any]:
     return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
 
 
-def _with_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+def with_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row from JSON: None becomes NaN."""
     return {name: math.nan if value is None else value for name, value in row.items()}

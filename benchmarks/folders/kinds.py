@@ -116,8 +116,8 @@ _TABLES = (
     "report.html", "report.csv", "report.md", "report.tex", "report.bib", "speed-accuracy.png", "speed-accuracy.svg",
 )  # fmt: skip
 _OF_A_SUITE = (
-    *_TABLES, "run.json", "journal.jsonl", "costs.csv", "inputs.csv", "errors_by_tile.npz", "captures/*.zarr", "pictures/*__*.npz",
-    "breakdown.csv", "failure_map.csv", "maps/*.svg", "maps/*.png",
+    *_TABLES, "run.json", "journal.jsonl", "costs.csv", "inputs.csv", "resolution.csv", "errors_by_tile.npz", "captures/*.zarr",
+    "pictures/*__*.npz", "breakdown.csv", "failure_map.csv", "maps/*.svg", "maps/*.png",
 )  # fmt: skip
 
 RUN = Kind("run", _OF_A_SUITE, _measured, resumes=True)

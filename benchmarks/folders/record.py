@@ -14,7 +14,7 @@ __all__ = ["TABLES_VERSION", "machine", "now", "versions"]
 
 #: Version of the tables' contract (columns, failure limit, meaning of status and of figures). 2: docs/decisions 0013 to
 #: 0015. 3: 0018 and 0019. 4: 0022.
-TABLES_VERSION = 4
+TABLES_VERSION = 5
 
 _PACKAGES = (
     "beambench", "numpy", "scipy", "numba", "xarray", "zarr", "mitsuba", "drjit", "pandas", "pyarrow", "pydantic",

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..folders.files import write_atomic, write_text
-from .charts import finished
+from .charts import finished, svg_of
 from .styles import Style, styles_of
 from .text import rate
 
@@ -103,7 +103,7 @@ def save_maps(
             spec = _heat(pooled, {key[0]: found for key, found in cells.items() if key[1:] == (axis, axis2)})
         name = axis if axis2 == "none" else f"{axis}--{axis2}"
         path = place / f"{''.join(c if c.isalnum() or c in '._-' else '-' for c in name)}.svg"
-        drawing: str = vlc.vegalite_to_svg(spec)
+        drawing = svg_of(spec)
         image: bytes = vlc.svg_to_png(drawing, scale=2.0)
         write_text(path, drawing)
         write_atomic(path.with_suffix(".png"), lambda partial, image=image: _write(partial, image))  # type: ignore[misc]

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ...scenes.plain_text import plain_text
 from ..folders.files import write_atomic, write_text
 from .cell import Cell, common_noun
 from .data import unit_scale
@@ -21,7 +22,7 @@ from .text import number, rate, span
 
 __all__ = [
     "CHOSEN", "STILLS", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative", "save_charts",
-    "speed_accuracy_spec",
+    "speed_accuracy_spec", "svg_of",
 ]  # fmt: skip
 
 FRONT, BOUND, DOUBT, GROUND = "#D55E00", "#8a8f98", "#b00020", "var(--card)"
@@ -216,18 +217,33 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
         _panel(group, page=False, styles=styles) | size | {"title": panel_title(panel, panels)}
         for panel, group in panels.items()
     ]
-    drawing: str = vlc.vegalite_to_svg(finished({"concat": charts, "columns": 3}, page=False))
+    drawing = svg_of(finished({"concat": charts, "columns": 3}, page=False))
     image: bytes = vlc.svg_to_png(drawing, scale=2.0 if len(charts) <= STILLS else 1.0)
     write_atomic(png, lambda path: _write(path, image))
     write_text(svg, drawing)
     if len(charts) <= STILLS:
         return drawing
-    first: str = vlc.vegalite_to_svg(finished({"concat": charts[:STILLS], "columns": 3}, page=False))
-    return first
+    return svg_of(finished({"concat": charts[:STILLS], "columns": 3}, page=False))
 
 
 def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
+
+
+def svg_of(spec: Spec) -> str:
+    """The SVG of a finished chart. Names of strangers may hold characters that XML does not have; a zero byte ended the process."""
+    import vl_convert as vlc
+
+    svg: str = vlc.vegalite_to_svg(_plain(spec))
+    return svg
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str):
+        return plain_text(value)
+    if isinstance(value, Mapping):
+        return {plain_text(str(name)): _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def finished(chart: Any, *, page: bool) -> Spec:

@@ -13,7 +13,7 @@ from ...estimators.builtin import BUILTIN
 from ...estimators.labels import links_of, split_label
 from ...estimators.registry import get_estimator
 from .cell import common_noun
-from .charts import panel_title, panels_of, speed_accuracy_spec
+from .charts import panel_title, panels_of, speed_accuracy_spec, svg_of
 from .data import Cell, unit_scale
 from .fidelity_chart import effects_of, effects_spec, effects_words, read_rungs, rungs_spec
 from .stress_chart import stress_groups, stress_spec
@@ -70,14 +70,12 @@ def charts_of(folder: Path, base: list[Cell], cells: list[Cell], styles: Mapping
 
 
 def _place(title: str, note: str, choices: list[dict[str, Any]], missing: str, command: str) -> dict[str, Any]:
-    import vl_convert as vlc
-
     drawn = [chart for chart in choices if chart["spec"] is not None]
     return {
         "title": title,
         "note": note,
         "choices": drawn,
-        "static": vlc.vegalite_to_svg(drawn[0]["plain"]()) if drawn else "",
+        "static": svg_of(drawn[0]["plain"]()) if drawn else "",
         "missing": "" if drawn else missing or "No estimator gave a result.",
         "command": "" if drawn else command,
     }

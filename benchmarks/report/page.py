@@ -11,6 +11,7 @@ from typing import Any
 from ...estimators.labels import split_label
 from ..folders.files import write_text
 from ..runner.costs import read_costs
+from ..runner.jail import NO_JAIL
 from ..scores.error_tiles import read_tiles
 from ..scores.tables import read_scores
 from .above_bound import above_bound
@@ -24,7 +25,7 @@ from .opening import charts_of
 from .pairs import pairs_section
 from .picture_section import picture_scenes, reliefs_of
 from .pictures import DIVERGING, SEQUENTIAL, Picture, read_pictures
-from .ranking import ranking_section, read_pairs
+from .ranking import ranking_section, read_pairs, read_ranking
 from .stress_chart import static_stresses
 from .styles import Style, styles_of
 from .table import score_table, sorted_cells
@@ -91,6 +92,7 @@ def write_report(run_dir: str | Path) -> Path:
         failures=_failures(cells, run),
         ranking=ranking_section(folder),
         pairs=pairs_section(folder),
+        no_jail=NO_JAIL if any(row.get("jail") == "no" for row in read_ranking(folder)) else "",
         skipped=list(skips_of_cells(cells).items()),
         cached=sum(row["source"] == "cache" for row in costs),
         timed=len(costs),

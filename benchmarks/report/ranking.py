@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ...estimators.labels import label_of
+from ..scores.resolution import gives_up, pooled_response, read_resolution
 from ..scores.tables import read_numbers
 from .data import shown_as
 from .text import number, plural, rate, span
@@ -40,21 +42,44 @@ def read_pairs(folder: Path) -> list[dict[str, Any]]:
 
 
 def ranking_section(folder: Path) -> list[dict[str, Any]]:
-    """One table per modality, quantity and condition: title, note, column heads and rows of text."""
+    """One table per modality, quantity and condition: title, note, column heads and rows of text; the share of detail that each
+    estimator keeps in the scenes without stress stands beside its error."""
     groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for row in read_ranking(folder):
         if not row["quantity"].endswith("-mixed"):
             groups.setdefault(tuple(row[name] for name in _GROUP), []).append(row)
+    kept: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for row in read_resolution(folder):
+        if row["stress"] == "none":
+            label = label_of(row["estimator"], row["params"])
+            kept.setdefault((row["stage"], row["quantity"], row["condition"], label), []).append(row)
     sections = []
     for key, rows in groups.items():
         scenes = int(rows[0]["scenes"])
         note = f"Over {plural(scenes, 'scene')} without stress. " + _basis(rows[0], rows)
         factor, unit = shown_as(rows[0]["modality"], rows[0]["quantity"], rows[0].get("unit", ""))
-        head = ("rank", "estimator", f"RMSE over scenes, {unit}", "coverage", "best on", "area of profile")
+        head = (
+            "rank",
+            "estimator",
+            f"RMSE over scenes, {unit}",
+            "coverage",
+            "best on",
+            "area of profile",
+            "detail kept",
+        )
+        shown = [(*_row(row, factor), _kept(kept.get((*key[1:], row["estimator"]), []))) for row in rows]
         sections.append({
-            "title": f"{key[0]}, {key[2]}, {key[3]}", "note": note, "head": head, "rows": [_row(row, factor) for row in rows],
+            "title": f"{key[0]}, {key[2]}, {key[3]}", "note": note, "head": head, "rows": shown,
         })  # fmt: skip
     return sections
+
+
+def _kept(rows: list[dict[str, Any]]) -> str:
+    """The share of detail that an estimator keeps, with its 95 % interval; "" where the scenes have too little."""
+    share, error = found = pooled_response(rows)
+    if not rows:
+        return ""
+    return f"{share:.2f} ± {1.96 * error:.2f}" + (" (gives up resolution)" if gives_up(found) else "")
 
 
 def _basis(first: dict[str, Any], rows: list[dict[str, Any]]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from ..statistics.levels import is_log
 from .cell import Cell, common_noun
-from .charts import Spec, chosen_opacity, finished, quantitative
+from .charts import Spec, chosen_opacity, finished, quantitative, svg_of
 from .data import by_quantity
 from .layout import HEIGHT, WIDTH
 from .styles import Style, styles_of
@@ -87,13 +87,10 @@ def _is_number(text: str) -> bool:
 
 def static_stresses(groups: Mapping[str, list[Cell]], styles: Mapping[str, Style]) -> str:
     """SVG text of all panels (title -> cells), for readers without scripts; "" without a panel."""
-    import vl_convert as vlc
-
     if not groups:
         return ""
     size = {"width": WIDTH, "height": HEIGHT}
     charts = [_panel(cells, page=False, styles=styles) | size | {"title": title} for title, cells in groups.items()]
     apart = {"scale": dict.fromkeys(("color", "shape"), "independent")}
     joined = {"concat": charts, "columns": 3, "resolve": apart}
-    drawing: str = vlc.vegalite_to_svg(finished(joined, page=False))
-    return drawing
+    return svg_of(finished(joined, page=False))

@@ -109,13 +109,11 @@ def _another(chosen: Any, modality: str) -> str:
 
 def _home(label: str) -> str:
     """The place of a plug-in's function, as "module:function"; "" for a built-in."""
-    from importlib.metadata import entry_points
-
     from ...estimators.labels import links_of, split_label
-    from ...estimators.registry import ENTRY_POINT_GROUP
+    from ...estimators.points import plugin_points
 
     names = links_of(split_label(label)[0])
-    found = [point.value for point in entry_points(group=ENTRY_POINT_GROUP) if point.name in names]
+    found = [point.value for point in plugin_points() if point.name in names]
     return found[0] if found else ""
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from .namespaces import works
 
-__all__ = ["OFF", "abi", "isolation", "readable", "seal"]
+__all__ = ["NO_JAIL", "OFF", "abi", "isolation", "jailed", "readable", "seal"]
 
 _CREATE, _ADD, _RESTRICT = 444, 445, 446
 _VERSION = 1  # LANDLOCK_CREATE_RULESET_VERSION
@@ -70,6 +70,17 @@ def abi() -> int:
         return _call(_CREATE, None, ctypes.c_size_t(0), ctypes.c_uint32(_VERSION))
     except OSError:
         return 0
+
+
+#: What is told of a run without a jail.
+NO_JAIL = (
+    "estimators ran without Landlock, so a plug-in could have read the truth: their order is no ranking to publish"
+)
+
+
+def jailed() -> bool:
+    """Whether estimators cannot read the files of their user here: what a published ranking needs."""
+    return os.environ.get(OFF) != "none" and abi() > 0
 
 
 def isolation() -> str:

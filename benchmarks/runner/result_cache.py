@@ -58,11 +58,9 @@ def source_of(name: str) -> str:
         return hashlib.sha256("".join(parts).encode()).hexdigest() if all(parts) else ""
     if name in BUILTIN:
         return _rooms()
-    from importlib.metadata import entry_points
+    from ...estimators.points import plugin_points
 
-    from ...estimators.registry import ENTRY_POINT_GROUP
-
-    points = [point for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == name]
+    points = [point for point in plugin_points() if point.name == name]
     home = points[0].dist if len(points) == 1 else None
     if home is None:
         return ""

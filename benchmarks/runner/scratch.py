@@ -1,8 +1,9 @@
 """Folders for temporary files that are removed also after a kill: the next run removes those whose owner has ended.
 
 An owner holds a lock on `LOCK` in its folder until it ends, whatever ends it. The lock is taken before the file has its name,
-so that a folder with this name and no lock has no owner. A folder without the file, of another user, or that is a link is
-never touched.
+so that a folder with this name and no lock has no owner. A kill between the making of a folder and its file leaves it empty: such
+a folder is removed when it is an hour old. One that holds anything without the file, of another user, or that is a link is never
+touched.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import re
 import secrets
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,6 +24,8 @@ from .removal import remove
 __all__ = ["LOCK", "scratch_folder", "sweep"]
 
 LOCK = ".beambench-scratch"
+#: Age of an empty folder whose owner must have ended: the file is made at once, s.
+_OLD_S = 3600.0
 _NAME = re.compile(r"beambench-(run-|truth-|estimate-)[A-Za-z0-9_]{8}")
 
 
@@ -49,10 +53,27 @@ def scratch_folder(kind: str) -> Iterator[Path]:
             os.close(handle)
     finally:
         try:
-            remove(folder)
+            _clear(folder)
         except BaseException:  # a signal, which passes on when the rest is removed
-            remove(folder)
+            _clear(folder)
             raise
+
+
+def _clear(folder: Path) -> None:
+    """Remove a folder, its file last: what a kill leaves of it is still known as nobody's."""
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            if name not in (LOCK, f"{LOCK}.new"):
+                remove(folder / name)
+    remove(folder)
+
+
+def _lock_file(folder: Path) -> int | None:
+    """The file that an owner locks, also before it has its name; None where there is none. Raises OSError."""
+    for name in (LOCK, f"{LOCK}.new"):
+        with suppress(FileNotFoundError):
+            return os.open(folder / name, os.O_RDWR | os.O_NOFOLLOW)
+    return None
 
 
 def sweep() -> list[Path]:
@@ -68,10 +89,15 @@ def sweep() -> list[Path]:
             status = os.lstat(folder)
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
                 continue
-            handle = os.open(folder / LOCK, os.O_RDWR | os.O_NOFOLLOW)
+            handle = _lock_file(folder)
+            if handle is None:
+                if time.time() - status.st_mtime > _OLD_S:
+                    os.rmdir(folder)  # only an empty one goes
+                    removed.append(folder)
+                continue
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                remove(folder)
+                _clear(folder)
                 removed.append(folder)
             finally:
                 os.close(handle)

@@ -11,17 +11,19 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ...captures.quantities import Stage
 from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
 from ...scenes.npz import read_npz
 from ..folders.files import write_atomic
-from .truth import Truth, errors_of, single_valued
+from .truth import Bound, Truth, aligned, errors_of, refusal_error, single_valued
 
-__all__ = ["FILE", "TileKey", "read_tiles", "tile_sums", "tiles_of", "write_tiles"]
+__all__ = ["FILE", "TileKey", "main_tiles", "read_tiles", "tile_sums", "tiles_of", "write_tiles"]
 
 Float = npt.NDArray[np.float64]
 #: (scene, condition, seed, label of the estimator).
@@ -40,6 +42,20 @@ def tiles_of(shape: tuple[int, ...]) -> npt.NDArray[np.intp]:
     rows, cols = (np.arange(size) * min(side, size) // max(size, 1) for size in shape[:2])
     plane = np.asarray(rows[:, None] * side + cols[None, :], np.intp)
     return np.broadcast_to(plane.reshape(plane.shape + (1,) * (len(shape) - 2)), shape)
+
+
+def main_tiles(
+    stage: Stage, arrays: dict[str, npt.NDArray[Any]], truths: Mapping[str, Truth], bounds: Mapping[str, Bound]
+) -> list[list[float]]:
+    """[sums, counts] per tile of an answer's main quantity, as plain numbers; `arrays` is empty where there is no answer."""
+    quantity = stage.gives[0]
+    truth, bound = truths[quantity.name], bounds[quantity.name]
+    answer = None
+    if arrays:
+        value, _, valid = aligned(arrays, stage, quantity, truth.value.shape)
+        answer = value, valid
+    sums, counts = tile_sums(answer, truth, refusal_error(truth, single_valued(truth), bound))
+    return [sums.tolist(), counts.tolist()]
 
 
 def tile_sums(

@@ -61,13 +61,20 @@ def sort_rows(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(rows, key=_sort_key)
 
 
-def write_tables(folder: Path, rows: Iterable[dict[str, Any]], tiles: Tiles | None = None) -> None:
-    """Write all tables of a run into `folder`, each completely or not at all; `tiles`: its errors by tile, for the ranking."""
+def write_tables(
+    folder: Path, rows: Iterable[dict[str, Any]], tiles: Tiles | None = None, *, jail: bool | None = None
+) -> None:
+    """Write all tables of a run into `folder`, each completely or not at all.
+
+    Other arguments:
+        tiles: errors by tile, for the ranking. jail: whether the estimators were kept from the truth (`runner.jail.jailed`); None
+            where that is not known, as for estimates from a file.
+    """
     ordered = sort_rows(rows)
     write_text(folder / "scores.csv", to_csv(ordered, COLUMNS))
     write_text(folder / "accuracy.csv", to_csv(ordered, ACCURACY))
     write_text(folder / "summary.csv", to_csv(summarise(ordered), SUMMARY_COLUMNS))
-    for name, (columns, found) in inference_tables(ordered, tiles).items():
+    for name, (columns, found) in inference_tables(ordered, tiles, jail=jail).items():
         write_text(folder / name, to_csv(found, columns))
     write_atomic(folder / "scores.parquet", lambda path: _write_parquet(path, ordered))
 

@@ -20,6 +20,7 @@ from ..folders.record import TABLES_VERSION, machine, now, versions
 from ..folders.workplace import output_folder, workplace
 from ..report.breakdown import curve_name, save_maps
 from ..runner.estimator_labels import Chosen, check_estimators
+from ..runner.jail import jailed
 from ..scores.tables import write_tables
 from ..statistics.skips import not_applicable, skips_of
 from ..suites.spec import Split, Stress, check_split
@@ -136,7 +137,7 @@ def _sweep_in(folder: Path, sweep: _Sweep, settings: dict[str, Any], report: boo
             sweep.under(bench)
         captures += bench.captures_made
     write_breakdown(folder, sweep.rows, sweep.maps)
-    write_tables(folder, sweep.scores)
+    write_tables(folder, sweep.scores, jail=jailed())
     record = {
         "suite": spec.suite, "title": spec.title, "version": spec.version, "hash": loaded.hash,
         "seeds": list(getattr(spec.seeds, settings["split"])), "captures": captures, "conditions": list(spec.conditions),

@@ -24,11 +24,11 @@ __all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "Tiles", "infer
 _GROUP = ("modality", "stage", "quantity", "condition")
 RANKING_COLUMNS = (
     *_GROUP, "estimator", "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage",
-    "coverage_lo", "coverage_hi", "profile_best", "profile_area", "basis",
+    "coverage_lo", "coverage_hi", "profile_best", "profile_area", "basis", "jail",
 )  # fmt: skip
 PAIR_COLUMNS = (*_GROUP, "a", "b", "scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm", "winner", "basis")
 PROFILE_COLUMNS = (*_GROUP, "estimator", "factor", "share")
-
+_JAIL = {True: "yes", False: "no", None: ""}
 
 Float = npt.NDArray[np.float64]
 #: {(scene, condition, seed, label): (sums, counts)}, see `scores.error_tiles`.
@@ -36,7 +36,7 @@ Tiles = Mapping[tuple[str, str, int, str], tuple[Float, Float]]
 
 
 def inference_tables(
-    rows: Iterable[dict[str, Any]], tiles: Tiles | None = None
+    rows: Iterable[dict[str, Any]], tiles: Tiles | None = None, *, jail: bool | None = None
 ) -> dict[str, tuple[tuple[str, ...], list[dict[str, Any]]]]:
     """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`, and from its errors by tile.
 
@@ -44,7 +44,7 @@ def inference_tables(
     (`suspects`: no error at all, or better than the bound by more than chance) are in none of the three tables.
     `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where the Holm-corrected
     difference is not significant at 5 %. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator
-    have a ranking and no pairs.
+    have a ranking and no pairs. `jail` of a ranking: "yes" or "no", whether the estimators were kept from the truth; "" if unknown.
 
     Raises:
         InputError: an estimator lacks a cell that another has, or has one twice.
@@ -74,7 +74,7 @@ def inference_tables(
                 "rank_hi": row.rank_high, "rmse_full": row.rmse_full, "rmse_full_lo": row.low,
                 "rmse_full_hi": row.high, "coverage": row.coverage, "coverage_lo": row.coverage_low,
                 "coverage_hi": row.coverage_high, "profile_best": profile[row.name].best,
-                "profile_area": profile[row.name].area, "basis": found.basis,
+                "profile_area": profile[row.name].area, "basis": found.basis, "jail": _JAIL[jail],
             })  # fmt: skip
         for pair in found.pairs:
             pairs.append({
