@@ -190,6 +190,36 @@ def test_a_reference_that_is_missing_or_of_another_lattice_is_refused() -> None:
         run_estimator("spot-centroid", capture.assign_attrs(rig=json.dumps(rig)))
 
 
+@pytest.mark.parametrize("name", SPOTS)
+def test_every_centroid_refuses_a_capture_without_reference_and_a_wrong_pitch(name: str) -> None:
+    """A pitch of 6 % too much keeps all spots in their cells: the lattice of the reference tells. 3 % may be a curved reference."""
+    capture = hide_truth(written_capture(scene_of(1), 3000.0, 2.0, 0.0, seed=12))
+    with pytest.raises(InputError, match="no reference"):
+        run_estimator(name, capture.drop_vars("reference"))
+    rig = json.loads(capture.attrs["rig"])
+
+    def declared(wider: float) -> xr.Dataset:
+        places = {axis: [39.5 + wider * (v - 39.5) for v in rig["lenslets"][axis]] for axis in ("col_px", "row_px")}
+        return capture.assign_attrs(rig=json.dumps(rig | {"lenslets": rig["lenslets"] | places}))
+
+    for wider in (1.06, 0.94):
+        with pytest.raises(InputError, match="another pitch") as caught:
+            run_estimator(name, declared(wider))
+        assert caught.value.next_step
+    assert run_estimator(name, declared(1.03))["valid"].values.mean() > 0.5
+
+
+@pytest.mark.parametrize("name", SPOTS)
+def test_a_dark_frame_is_invalid_and_a_dark_reference_refused(name: str) -> None:
+    capture = hide_truth(written_capture(scene_of(2), np.array([[3000.0], [0.0]]) * np.ones(64), 2.0, 0.0, seed=9))
+    found = run_estimator(name, capture)
+    assert found["valid"].values[0].any() and not found["valid"].values[1].any()
+    assert np.isnan(found["spot"].values[1]).all()
+    dark = capture["reference"] * 0 + float(json.loads(capture.attrs["rig"])["detector"]["offset_dn"])
+    with pytest.raises(InputError, match="no spot"):
+        run_estimator(name, capture.assign(reference=dark))
+
+
 def test_fewer_lenslets_than_modes_are_refused() -> None:
     scene = load_scene(
         "gated-turbulence", BARE | {"rig.frames.count": 1, "rig.lenslets.across": 2, "rig.pupil.shape": "disc"}

@@ -100,7 +100,7 @@ def _fit_declared(cells: Cells, others: Float, start: Float, steps: int) -> tupl
 def spot_ml(
     capture: xr.Dataset, *, neighbours: bool = True, steps: int = 40, least_sigmas: float = 5.0, search: Search = "cell"
 ) -> xr.Dataset:
-    """x, y and A of μ = B + A P(x − cx) P(y − cy) + O by maximum likelihood, P the declared spot over pixels, B the frame's background.
+    """x, y and A of μ = B + A P(x − cx) P(y − cy) + O by maximum likelihood, P the declared spot, B the background.
 
     Other arguments:
         neighbours: O is the light of the spots around, where a first fit without O finds them; False: no O. Their pattern is the
