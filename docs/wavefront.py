@@ -2,7 +2,8 @@
 
 A folder of sweeps holds one folder per sweep (`beambench sweep stress-wavefront-flux -o FOLDER/flux`) and gives the table of
 breakdown; a run gives those of centroids and chains. With `--add`, python docs/wavefront.py --add FOLDER, only the rows of the
-sweeps that the folder holds are written, and the others of the table stay as they are. Tables are written between the comments `table:NAME` and `end:NAME`.
+sweeps that the folder holds are written, and the others of the table stay as they are. Tables are written between the comments
+`table:NAME` and `end:NAME`.
 """
 
 from __future__ import annotations
