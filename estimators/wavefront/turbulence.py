@@ -45,10 +45,11 @@ def turbulence_ml(slopes: xr.Dataset, rig: DeclaredRig, coordinates: xr.Dataset)
     over 1.96; r0 is invalid where this interval holds no turbulence, or where the gate's frames share fewer than half of their
     lenslets. present (gate): probability of turbulence if half of the captures have some, ln r0 even from .01 to 100 diameters of
     the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle m of the interval
-    between gates whose layer is strongest; sigma_source² = Σ p_k ((m_k − m)² + (w_k/2)²), p_k the probability that interval k, w_k
-    wide about m_k, holds the strongest (`layer_shares`). Gates do not tell where in its interval a layer is; half of its width is the
-    error at the ends, where a reflector is that water flows past, and of layers anywhere in it the error is w/√12. It is invalid for one gate, for a rig that does not declare the gate's centre, and where this layer is less than 1.96 of its
-    standard errors above 0.
+    between gates whose layer is strongest; sigma_source² = Σ p_k ((m_k − m)² + (w_k/2)²), p_k the probability that interval
+    k, w_k wide about m_k, holds the strongest (`layer_shares`). Gates do not tell where in its interval a layer is; half of
+    its width is the error at the ends, where a reflector is that water flows past, and of layers anywhere in it the error is
+    w/√12. It is invalid for one gate, for a rig that does not declare the gate's centre, and where this layer is less than
+    1.96 of its standard errors above 0.
     """
     check_square(declared_geometry(rig), "turbulence-ml", "the covariance of slopes is that of squares")
     own, variance, valid = read_slopes(slopes, declared_geometry(rig))
