@@ -28,6 +28,8 @@ TOLD, SHARP = "spot-ml+slope-cell+turbulence-ml", "spot-ml+slope-cell+zernike-ma
 
 
 def tank(seed: int = 1, **changes: Any) -> xr.Dataset:
+    """Phases that add in the pupil, as the estimators take them, unless `propagation` is given."""
+    changes = {"propagation": "phase-screens"} | changes
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scintillation is left out
         return generate(
@@ -134,6 +136,21 @@ def test_one_gate_or_no_declared_gate_tells_no_range(flowing: xr.Dataset) -> Non
     for capture in (one, hidden.assign_attrs(rig=json.dumps(rig))):
         found = run_estimator(TOLD, capture)
         assert found["valid"].values.all() and not found["valid_source"].values.any()
+
+
+def test_the_tank_as_it_is_scintillates_and_turbulence_is_told() -> None:
+    """Light that is propagated: that of lenslets varies by .2 to 2 of its mean, rms. Slopes of a propagated field are smaller than
+    those of the phases that it passed: half of what is finer than √(λr), which a lenslet sees, is in the irradiance."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is left out
+        one = generate(load_scene("turbulent-tank", {"rig.imager": None}), seed=1, fidelity="geometric")
+    light = one["truth_flux"].values
+    spread = light.std(axis=1) / light.mean(axis=1)
+    assert ((spread > 0.2) & (spread < 2.0)).all()
+    np.testing.assert_allclose(one["truth_r0"], table_r0_m(40.0, [1, 2, 3, 4]) * 4.0**-0.6, rtol=1e-6)
+    found = run_estimator(TOLD, hide_truth(one))
+    assert (found["present"] > 0.999).all() and found["valid"].values.all()
+    assert 1.0 < np.median(found["r0"].values / one["truth_r0"].values) < 2.0
 
 
 def test_the_scores_hold_every_quantity(flowing: xr.Dataset) -> None:
