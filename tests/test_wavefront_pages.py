@@ -99,7 +99,9 @@ def test_pictures_show_what_was_captured(monkeypatch: pytest.MonkeyPatch) -> Non
 
     page = script("wavefront_pictures", monkeypatch)
     capture = generate(
-        load_scene("turbulent-tank", {"rig.frames.count": 1, "rig.imager": None}), seed=1, fidelity="geometric"
+        load_scene("turbulent-tank", {"rig.frames.count": 1, "rig.imager": None, "rig.propagation": "phase-screens"}),
+        seed=1,
+        fidelity="geometric",
     )
     assert page.surfaces(capture).count("rad") >= 2
     field = page.spot_field(capture)
