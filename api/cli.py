@@ -23,8 +23,8 @@ _HELP = """Make captures of active optical sensors whose truth is known, and sco
 
 Begin with: beambench run quickstart"""
 
-_EPILOGUE = """Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 3 could not measure, 70 internal error,
-130 interrupted.
+_EPILOGUE = """Exit codes: 0 done, 1 a check or every estimator failed, 2 bad usage or input, 3 could not measure,
+70 internal error, 130 interrupted.
 Tab completion: beambench --install-completion, or: beambench completion bash"""
 
 #: Errors of the operating system that a user can correct: a full disk, a missing permission, a wrong path.

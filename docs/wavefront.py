@@ -1,7 +1,9 @@
 """The tables of docs/wavefront.md: python docs/wavefront.py FOLDER, of sweeps or of `beambench run wavefront`.
 
 A folder of sweeps holds one folder per sweep (`beambench sweep stress-wavefront-flux -o FOLDER/flux`) and gives the table of
-breakdown; a run gives those of centroids and chains. Tables are written between the comments `table:NAME` and `end:NAME`.
+breakdown; a run gives those of centroids and chains. With `--add`, python docs/wavefront.py --add FOLDER, only the rows of the
+sweeps that the folder holds are written, and the others of the table stay as they are. Tables are written between the comments
+`table:NAME` and `end:NAME`.
 """
 
 from __future__ import annotations
@@ -67,7 +69,22 @@ def chains(summary: pd.DataFrame) -> str:
     return "\n".join([*lines, bound])
 
 
-def main(folder: Path) -> None:
+def added(table: str, page: Path) -> str:
+    """The table of breakdown of a page, with the rows of `table` in place of those of the same suites, or in their order."""
+    old = (
+        page.read_text(encoding="utf-8")
+        .partition("<!-- table:breakdown -->\n")[2]
+        .partition("<!-- end:breakdown -->")[0]
+    )
+    head, line, *rows = table.splitlines()
+    old_head, _, *others = old.splitlines()
+    if head != old_head:
+        raise SystemExit(f"the sweeps have other estimators than the table: {head}, not {old_head}")
+    kept = {row.partition(":")[0]: row for row in others} | {row.partition(":")[0]: row for row in rows}
+    return "\n".join([head, line, *(kept[name] for name in sorted(kept))])
+
+
+def main(folder: Path, *, add: bool = False) -> None:
     """Write the tables of docs/wavefront.md from a run, or from every sweep in the folder that is complete."""
     page = Path(__file__).parent / "wavefront.md"
     if (folder / "summary.csv").is_file():
@@ -79,8 +96,9 @@ def main(folder: Path) -> None:
         raise SystemExit(
             f"{folder} holds no sweep with a breakdown.csv; run: beambench sweep stress-wavefront-flux -o {folder}/flux"
         )
-    write_tables(page, {"breakdown": breakdown(sweeps)})
+    table = breakdown(sweeps)
+    write_tables(page, {"breakdown": added(table, page) if add else table})
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[-1]), add="--add" in sys.argv[1:-1])

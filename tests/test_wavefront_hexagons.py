@@ -202,6 +202,15 @@ def test_spots_narrower_than_their_table_are_refused() -> None:
         hexagons(**{"rig.lenslets.preset": None, "rig.lenslets.pitch_m": 150e-6, "rig.lenslets.focal_length_m": 0.9e-3})
 
 
+def test_too_few_samples_of_small_hexagons_are_refused_with_a_number_that_is_enough() -> None:
+    """Half of a sample must lie in the clear hexagon: 1/fill samples, enough for squares, are not."""
+    small = {"rig.lenslets.fill": 0.5, "rig.pupil.samples": 2}
+    with pytest.raises(InputError, match="No sample of the pupil") as caught:
+        hexagons(**small)
+    enough = int(str(caught.value.allowed).partition(" ")[0])
+    assert enough == 4 and hexagons(**small | {"rig.pupil.samples": enough}).modality == "wavefront"
+
+
 def test_a_whole_chain_finds_the_coefficients() -> None:
     rad = [0.5, -0.4, 0.6, -0.3, 0.2]
     scene = hexagons(**{"rig.aberration": {"noll": [2, 3, 4, 5, 6], "rad": rad}, "rig.laser.pulse_energy_j": 1e-9})

@@ -45,6 +45,18 @@ def test_a_breakdown_says_what_was_not_found(monkeypatch: pytest.MonkeyPatch, tm
         page.main(tmp_path / "none")
 
 
+def test_one_row_is_written_and_the_others_stay(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    page, text = script("wavefront", monkeypatch), tmp_path / "page.md"
+    head = "| axis | `a` |\n|---|---|\n"
+    text.write_text(
+        f"<!-- table:breakdown -->\n{head}| `flux`: photons | 1 |\n| `slope`: rad | 2 |\n<!-- end:breakdown -->\n"
+    )
+    rows = page.added(f"{head}| `pixels`: m | 3 |\n| `slope`: rad | 4 |", text).splitlines()[2:]
+    assert rows == ["| `flux`: photons | 1 |", "| `pixels`: m | 3 |", "| `slope`: rad | 4 |"]
+    with pytest.raises(SystemExit, match="other estimators"):
+        page.added("| axis | `b` |\n|---|---|\n| `pixels`: m | 3 |", text)
+
+
 def summary() -> pd.DataFrame:
     """Two centroids at two levels of light, and a chain."""
     rows = []
@@ -87,7 +99,9 @@ def test_pictures_show_what_was_captured(monkeypatch: pytest.MonkeyPatch) -> Non
 
     page = script("wavefront_pictures", monkeypatch)
     capture = generate(
-        load_scene("turbulent-tank", {"rig.frames.count": 1, "rig.imager": None}), seed=1, fidelity="geometric"
+        load_scene("turbulent-tank", {"rig.frames.count": 1, "rig.imager": None, "rig.propagation": "phase-screens"}),
+        seed=1,
+        fidelity="geometric",
     )
     assert page.surfaces(capture).count("rad") >= 2
     field = page.spot_field(capture)

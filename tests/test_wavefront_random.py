@@ -107,7 +107,7 @@ def _check(seed: int) -> bool:
     except InputError as error:
         assert any(
             word in error.what
-            for word in ("No lenslet", "outside the image", "too few pixels", "not cover", "narrower")
+            for word in ("No lenslet", "No sample", "outside the image", "too few pixels", "not cover", "narrower")
         ), error
         return False
     rung: Any = RUNGS[seed % 3]

@@ -19,6 +19,7 @@ from beambench.estimators import get_estimator, run_estimator
 from beambench.estimators.rig import read_rig
 from beambench.estimators.wavefront.turbulence import gate_ranges_m
 from beambench.generator.generate import generate
+from beambench.optics.turbulence.detection import Strength, layer_shares, range_weights
 from beambench.optics.turbulence.flow import table_r0_m
 from beambench.scenes.errors import InputError
 from beambench.scenes.load import load_scene
@@ -27,6 +28,8 @@ TOLD, SHARP = "spot-ml+slope-cell+turbulence-ml", "spot-ml+slope-cell+zernike-ma
 
 
 def tank(seed: int = 1, **changes: Any) -> xr.Dataset:
+    """Phases that add in the pupil, as the estimators take them, unless `propagation` is given."""
+    changes = {"propagation": "phase-screens"} | changes
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scintillation is left out
         return generate(
@@ -84,7 +87,34 @@ def test_r0_is_found_at_every_gate_with_its_error(flowing: xr.Dataset) -> None:
 def test_the_source_is_the_interval_before_the_last_gate(flowing: xr.Dataset) -> None:
     found = run_estimator(TOLD, hide_truth(flowing))
     assert found["source"].values == pytest.approx([3.5], abs=0.05)
-    assert found["sigma_source"].values == pytest.approx([1.0 / np.sqrt(12.0)], rel=0.02)
+    assert 0.49 < found["sigma_source"].values[0] < 0.9, "half of the interval, and the chance of another one"
+
+
+def test_the_error_of_the_source_is_the_stated_one() -> None:
+    """The inlet lies in the plane of the last mirror, half an interval from the middle that is told: in 96 captures z is .91. A
+    48th is told a metre too near."""
+    z = []
+    for flow in (10.0, 20.0, 30.0, 40.0):
+        for seed in range(4):
+            one = tank(100 + seed, turbulence__flow_l_per_min=flow, imager=None)
+            found = run_estimator(TOLD, hide_truth(one))
+            z.append((found["source"].values[0] - one["truth_source"].values[0]) / found["sigma_source"].values[0])
+    assert np.isfinite(z).all() and 0.8 < np.sqrt(np.mean(np.square(z))) < 1.1
+
+
+def test_shares_of_layers_are_the_chances_of_being_strongest() -> None:
+    """Two equal layers: one half each, within 4 standard errors of 400 draws; a layer that stands out by ten errors: all."""
+    weights = range_weights([1.0, 2.0], [0.0, 1.0, 2.0], "mirror")
+
+    def gate(q: float, error: float) -> Strength:
+        return Strength(q, q * np.exp(-1.96 * error), q * np.exp(1.96 * error), 10.0, q * error)
+
+    even = layer_shares([gate(4.0, 1e-3), gate(8.0, 5e-4)], weights)
+    assert even.sum() == pytest.approx(1.0) and abs(even[0] - 0.5) < 4 * 0.5 / np.sqrt(400)
+    assert layer_shares([gate(4.0, 0.02), gate(16.0, 0.02)], weights)[1] == 1.0
+    doubtful = layer_shares([gate(4.0, 0.2), gate(9.0, 0.2)], weights)
+    assert 0.5 < doubtful[1] < 0.9
+    np.testing.assert_array_equal(doubtful, layer_shares([gate(4.0, 0.2), gate(9.0, 0.2)], weights))
 
 
 def test_water_at_rest_is_told_from_a_flow(flowing: xr.Dataset, still: xr.Dataset) -> None:
@@ -106,6 +136,21 @@ def test_one_gate_or_no_declared_gate_tells_no_range(flowing: xr.Dataset) -> Non
     for capture in (one, hidden.assign_attrs(rig=json.dumps(rig))):
         found = run_estimator(TOLD, capture)
         assert found["valid"].values.all() and not found["valid_source"].values.any()
+
+
+def test_the_tank_as_it_is_scintillates_and_turbulence_is_told() -> None:
+    """Light that is propagated: that of lenslets varies by .2 to 2 of its mean, rms. Slopes of a propagated field are smaller than
+    those of the phases that it passed: half of what is finer than √(λr), which a lenslet sees, is in the irradiance."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is left out
+        one = generate(load_scene("turbulent-tank", {"rig.imager": None}), seed=1, fidelity="geometric")
+    light = one["truth_flux"].values
+    spread = light.std(axis=1) / light.mean(axis=1)
+    assert ((spread > 0.2) & (spread < 2.0)).all()
+    np.testing.assert_allclose(one["truth_r0"], table_r0_m(40.0, [1, 2, 3, 4]) * 4.0**-0.6, rtol=1e-6)
+    found = run_estimator(TOLD, hide_truth(one))
+    assert (found["present"] > 0.999).all() and found["valid"].values.all()
+    assert 1.0 < np.median(found["r0"].values / one["truth_r0"].values) < 2.0
 
 
 def test_the_scores_hold_every_quantity(flowing: xr.Dataset) -> None:

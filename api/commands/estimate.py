@@ -17,22 +17,43 @@ __all__ = ["ESTIMATE", "EXPORT", "SCORE"]
 
 
 def _estimate_json(folder: Path, given: Arguments) -> dict[str, Any]:
-    return {"out": str(folder), "files": sorted(str(path) for path in folder.glob("*.h5"))}
+    from ..benchmarks.datasets.estimate import asked_of
+
+    return {
+        "out": str(folder),
+        "files": sorted(str(path) for path in folder.glob("*.h5")),
+        "estimators": asked_of(folder),
+    }
 
 
 def _estimate_text(folder: Path, given: Arguments) -> None:
+    from ..benchmarks.datasets.estimate import asked_of
+
+    for label, told in asked_of(folder).items():
+        if told["reason"]:
+            missed = told["captures"] - told["answered"]
+            print_lines(f"failed    {label}, {missed} of {told['captures']} captures: {told['reason']}")
     print_lines(f"estimates {folder}", f"next      beambench score {given['data']} {folder}")
+
+
+def _estimate_code(folder: Path) -> int:
+    """1 where no estimator answered any capture."""
+    from ..benchmarks.datasets.estimate import asked_of
+
+    return int(not any(told["answered"] for told in asked_of(folder).values()))
 
 
 ESTIMATE = command(
     "estimate",
     "estimate:estimate",
-    View(_estimate_text, _estimate_json),
+    View(_estimate_text, _estimate_json, _estimate_code),
     options=("estimators",),
     examples="""Examples:
   beambench estimate step.zarr -e poisson-ml -o estimates
   beambench estimate step.zarr -e peak -e 'weighted-average[background=subtract]'
-  beambench estimate step.zarr -e poisson-ml -e peak -o estimates --resume""",
+  beambench estimate step.zarr -e poisson-ml -e peak -o estimates --resume
+
+Exit code 1 where every estimator failed on every capture; the reasons are shown.""",
 )
 
 

@@ -46,16 +46,23 @@ def _run_text(result: RunResult, given: Arguments) -> None:
         print_lines(f"page     {result.report.resolve()}")
 
 
+def _run_code(result: RunResult) -> int:
+    """1 where no estimator gave a result: all failed, or were skipped."""
+    return int(bool(result.rows) and not any(row["status"] == "ok" for row in result.rows))
+
+
 RUN = command(
     "run",
     "run:run",
-    View(_run_text, _run_json),
+    View(_run_text, _run_json, _run_code),
     examples="""Examples:
   beambench run quickstart
   beambench run quickstart -e poisson-ml -e 'weighted-average[background=subtract]'
   beambench run my-suite.toml --set seeds.test=[1,2,3] --set rig.detector.read_noise_e=5 -o results
   beambench run quickstart -o results --resume
-  beambench run gated --sealed challenge.key -e my-method""",
+  beambench run gated --sealed challenge.key -e my-method
+
+Exit code 1 where every estimator failed or was skipped; one that fails beside others is a row of the table.""",
 )
 
 

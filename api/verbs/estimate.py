@@ -26,7 +26,7 @@ def estimate(
     """Run estimators on a store of captures; each runs in its own process and sees no truth.
 
     One HDF5 file per estimator is written. An estimator runs with one thread and is stopped at the limits; a crash or a
-    wrong answer becomes the status of that capture.
+    wrong answer becomes the status of that capture; estimates.json tells how many captures each estimator answered.
 
     Main arguments:
         data: A store of captures.

@@ -32,8 +32,9 @@ def run(
 ) -> RunResult:
     """Generate, estimate, score and report a suite; `quickstart` is the demo.
 
-    An estimator that fails is a row of the table with its status; the command succeeds all the same. Estimators run in child
-    processes, whose times the runner measures, in a jail where the kernel offers one: docs/reliability.md says what is promised.
+    An estimator that fails is a row of the table with its status; the command succeeds unless all of them do. Estimators run in
+    child processes, whose times the runner measures, in a jail where the kernel offers one: docs/reliability.md says what is
+    promised.
 
     Main arguments:
         suite: Name of a suite that ships with Beambench, or a .toml or .json file; in Python also a suite as data.

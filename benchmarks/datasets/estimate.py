@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from ..runner.session import Job, Outcome
     from ..suites.spec import Limits
 
-__all__ = ["check_same_captures", "check_some_read", "estimate_store"]
+__all__ = ["asked_of", "check_same_captures", "check_some_read", "estimate_store"]
 
 
 def estimate_store(
     captures: CaptureSet, labels: Sequence[str], folder: Path, limits: Limits, resume: bool, tell: Progress
 ) -> None:
-    """Run estimators on all captures and write one file each, `<label>.h5`, and estimates.json, which lists them.
+    """Run estimators on all captures and write one file each, `<label>.h5`, and estimates.json, which lists them and tells how many
+    captures each one answered.
 
     Main arguments:
         captures: The store.
@@ -48,8 +49,26 @@ def estimate_store(
     }
     write_json(folder / "estimates.json", record)
     missing = [label for label in labels if not (resume and _finished(folder / f"{slug(label)}.h5", label, captures))]
+    asked = {label: _told(len(captures) * ["ok"]) for label in labels}
     for estimates in _answers(captures, missing, limits, tell):
         write_estimates(folder / f"{slug(estimates.label)}.h5", estimates)
+        asked[estimates.label] = _told(estimates.status)
+    write_json(folder / "estimates.json", record | {"asked": asked})
+
+
+def _told(statuses: Sequence[str]) -> dict[str, Any]:
+    """How many captures an estimator answered, of how many, and the first reason why not."""
+    reasons = [status for status in statuses if status != "ok"]
+    return {
+        "captures": len(statuses),
+        "answered": len(statuses) - len(reasons),
+        "reason": reasons[0] if reasons else "",
+    }
+
+
+def asked_of(folder: Path) -> dict[str, dict[str, Any]]:
+    """{label: captures, answered, reason} of the estimators that the last `estimate` into a folder was asked for."""
+    return dict(_index(folder).get("asked", {}))
 
 
 def check_some_read(captures: CaptureSet, chosen: Sequence[Chosen]) -> None:

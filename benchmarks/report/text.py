@@ -187,7 +187,7 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
 
 
 def _of_each(groups: Mapping[str, list[Cell]], tried: str) -> list[str]:
-    """A sentence for each quantity, the smallest error and the fastest estimator: errors and times of different ones have no order."""
+    """A sentence for each quantity, the smallest error and the fastest estimator: those of different ones have no order."""
     said = [f"On {tried}, by what is estimated:"]
     for name, cells in groups.items():
         ranked = [r for r in rank(cells) if r.cells]
@@ -274,9 +274,11 @@ def closing_lines(scores: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ())
     for label, places in said.items():
         if not places:
             continue
-        shown = [_failure(cell) for cell in places[:3]]
-        more = f"; and {plural(len(places) - 3, 'more case')}" if len(places) > 3 else ""
-        lines.append(f"fails    {label}: " + "; ".join(shown) + more)
+        # Several quantities of one estimate fail for one reason.
+        told = list(dict.fromkeys(_failure(cell) for cell in places))
+        more = f"; and {plural(len(told) - 3, 'more case')}" if len(told) > 3 else ""
+        reason = next((cell.status.partition(":")[2] for cell in places if not cell.ok), "")
+        lines.append(f"fails    {label}: " + "; ".join(told[:3]) + more + (f":{reason}" if reason else ""))
     for label, reason in skips_of_cells(cells).items():
         lines.append(f"skipped  {label}: {reason}")
     if ranked and not any(said.values()):

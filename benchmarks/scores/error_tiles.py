@@ -80,7 +80,11 @@ def write_tiles(folder: Path, tiles: Mapping[TileKey, tuple[Float, Float]]) -> N
     """Write the file of a run, completely or not at all; equal runs give equal bytes."""
     keys = sorted(tiles)
     names = np.array([json.dumps(key) for key in keys], dtype=np.str_)
-    values = [np.array([tiles[key][part] for key in keys], np.float64).reshape(len(keys), -1) for part in (0, 1)]
+    # A run whose estimators were all skipped has no errors, and a table without rows.
+    values = [
+        np.array([tiles[key][part] for key in keys], np.float64).reshape(len(keys), -1 if keys else _TILES)
+        for part in (0, 1)
+    ]
 
     def save(path: Path) -> None:
         with open(path, "wb") as file:

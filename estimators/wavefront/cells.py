@@ -23,6 +23,7 @@ from ..rig import DeclaredRig, read_rig
 from .field_search import assigned_spots, spots_in
 from .geometry import Geometry, Spot, declared_geometry, declared_spot
 from .options import in_range
+from .reference import check_reference
 
 __all__ = [
     "Cells",
@@ -48,9 +49,6 @@ Search = Literal["cell", "field"]
 
 #: A pixel of a cell whose distance from the middle is above this share of the pitch, in both axes, shows the background.
 _CORNER = 0.35
-#: rms distance of the reference's spots from their declared places, as a share of the pitch, beyond which the lattice is another.
-#: Spots anywhere in their cells have .29.
-_OFF_LATTICE = 0.2
 #: Places of a spot within a pixel, per axis, and its photoelectrons, from which a method's error without noise is computed.
 _PHASES, _BRIGHT = 8, 1e6
 #: Cells that a method gets together: some MB.
@@ -232,10 +230,15 @@ def first_guess(cells: Cells) -> Float:
 
 
 def check_frames(capture: xr.Dataset) -> tuple[DeclaredRig, npt.NDArray[Any], npt.NDArray[Any]]:
-    """(declared rig, counts, reference). Raises InputError for a rig that lacks a value, for frames of several channels, and for
-    images of another size than the rig's."""
+    """(declared rig, counts, reference). Raises InputError for a rig that lacks a value, a capture without reference, frames of
+    several channels, and images of another size than the rig's."""
     rig = read_rig(capture, "wavefront")
     declared_geometry(rig)
+    if "reference" not in capture:
+        raise InputError(
+            "The capture has no reference: slopes have no zero.", where="reference", value=sorted(map(str, capture.data_vars)),
+            allowed="reference (row, col), the spot field of a flat wavefront", next_step="record a flat wavefront",
+        )  # fmt: skip
     counts, reference = np.asarray(capture["counts"].values), np.asarray(capture["reference"].values)
     if counts.ndim != 3:
         raise InputError(
@@ -296,7 +299,7 @@ def measured(
         np.concatenate([one.variance for one in parts]).reshape(*shape, 2),
         np.concatenate([one.good for one in parts]).reshape(shape),
     )
-    _check_reference(origin.good, first_guess(flat)[:, :2], geometry)
+    check_reference(origin.good, first_guess(flat)[:, :2], geometry)
     return relative(frames, origin, usable, geometry, lock)
 
 
@@ -371,22 +374,3 @@ def relative(frames: Found, origin: Found, usable: Bool, geometry: Geometry, loc
     valid = frames.good & origin.good & usable[:, None]
     with np.errstate(invalid="ignore"):
         return stage_result("centroid", spot=position, sigma=np.sqrt(variance), valid=valid)
-
-
-def _check_reference(good: Bool, peak: Float, geometry: Geometry) -> None:
-    """Raise InputError for a reference without spots, or with spots (`peak`, px from the declared places) anywhere in the cells."""
-    if not good.any():
-        raise InputError(
-            "The reference shows no spot: slopes have no zero.", where="reference",
-            value="no lenslet with a spot above the noise", allowed="the spot field of a flat wavefront",
-            next_step="record the reference with more light, or check the declared lenslets and detector",
-        )  # fmt: skip
-    off = peak[good] - np.median(peak[good], axis=0)
-    rms = float(np.sqrt((off**2).mean())) / geometry.pitch_px
-    if rms > _OFF_LATTICE or 2 * int(good.sum()) < good.size:
-        raise InputError(
-            "The spots of the reference do not lie on the declared lattice.", where="attribute rig: lenslets",
-            value=f"{rms:.2g} of the pitch rms, {int(good.sum())} of {good.size} spots found",
-            allowed=f"{_OFF_LATTICE:g} of the pitch rms or less, half of the spots or more",
-            next_step="check pitch, rotation and pixel pitch of the declared rig",
-        )  # fmt: skip

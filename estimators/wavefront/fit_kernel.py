@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ...optics.jit import kernel
 
-__all__ = ["fit_spots"]
+__all__ = ["fit_spots", "light_of_others"]
 
 Float = npt.NDArray[np.float64]
 
@@ -34,6 +34,47 @@ def fit_spots(
         steps, out,
     )  # fmt: skip
     return out[:2].T.copy(), out[2:4].T.copy(), out[4] > 0, out[5]
+
+
+def light_of_others(
+    place: Float, near: npt.NDArray[np.int64], position: Float, light: Float, x: Float, y: Float, inside: npt.NDArray[np.bool_],
+    share: Float, origin: float, fine: int,
+) -> Float:  # fmt: skip
+    """Photoelectrons (spot, w, w) of other lenslets' spots in the pixels of every cell: Σ_n A_n P(x_j − c_n) P(y_i − c_n).
+
+    Main arguments:
+        place (lenslet, 2): declared places [px]. near (lenslet, k): numbers of the neighbours, −1 for none. position (spot, 2):
+            of each spot from its own place; light (spot): its photoelectrons, 0 for none; the spots of several images follow
+            each other. x, y (spot, w), inside (spot, w, w): the cells. share: P from u = `origin` on, `fine` nodes per pixel.
+    """
+    out = np.zeros(inside.shape)
+    _others(
+        np.ascontiguousarray(place), np.ascontiguousarray(near), np.ascontiguousarray(position), np.ascontiguousarray(light),
+        np.ascontiguousarray(x), np.ascontiguousarray(y), np.ascontiguousarray(inside), share, origin, float(fine), out,
+    )  # fmt: skip
+    return out
+
+
+@kernel
+def _others(place, near, position, light, x, y, inside, share, origin, fine, out):  # type: ignore[no-untyped-def]
+    spots, size = x.shape
+    lenslets = len(place)
+    px, py = np.empty(size), np.empty(size)
+    for k in range(spots):
+        own = k % lenslets
+        for n in near[own]:
+            other = k - own + n
+            if n < 0 or light[other] == 0.0:
+                continue
+            away_x = place[n, 0] - place[own, 0] + position[other, 0]
+            away_y = place[n, 1] - place[own, 1] + position[other, 1]
+            for j in range(size):
+                px[j] = _look(share, origin, fine, x[k, j] - away_x)
+                py[j] = light[other] * _look(share, origin, fine, y[k, j] - away_y)
+            for i in range(size):
+                for j in range(size):
+                    if inside[k, i, j]:
+                        out[k, i, j] += py[i] * px[j]
 
 
 @kernel

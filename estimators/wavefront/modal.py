@@ -150,7 +150,7 @@ def last_mode(rig: DeclaredRig, modes: int, *, disc: bool = False) -> int:
     if last < 2 or last - 1 > 2 * lenslets:
         raise InputError(
             "There are fewer slopes than modes.", where="modes", value=f"{last - 1} modes, {2 * lenslets} slopes",
-            allowed=f"2 to {2 * lenslets + 1}", next_step="fit fewer modes, e.g. zernike-ls[modes=10]",
+            allowed=f"2 to {2 * lenslets + 1}", next_step=f"fit fewer modes: the option modes={2 * lenslets + 1}, or less",
         )  # fmt: skip
     return last
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...optics.constants import C_M_PER_S
-from ...optics.turbulence.detection import Strength, layer_strengths, range_weights
+from ...optics.turbulence.detection import Strength, layer_shares, layer_strengths, range_weights
 from ..registry import estimator
 from ..result import stage_result
 from ..rig import DeclaredRig
@@ -44,9 +44,12 @@ def turbulence_ml(slopes: xr.Dataset, rig: DeclaredRig, coordinates: xr.Dataset)
     Returns r0, sigma [m], valid (gate), gates in the order of their delays. sigma is the half 95 % interval of the likelihood ratio
     over 1.96; r0 is invalid where this interval holds no turbulence, or where the gate's frames share fewer than half of their
     lenslets. present (gate): probability of turbulence if half of the captures have some, ln r0 even from .01 to 100 diameters of
-    the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle of the interval
-    between gates whose layer is strongest; sigma_source is that interval's width over √12. It is invalid for one gate, for a rig
-    that does not declare the gate's centre, and where this layer is less than 1.96 of its standard errors above 0.
+    the pupil, and 1e-6 or more from 0 and 1; sigma_present = √(P(1 − P)). source [m] (layer): middle m of the interval
+    between gates whose layer is strongest; sigma_source² = Σ p_k ((m_k − m)² + (w_k/2)²), p_k the probability that interval
+    k, w_k wide about m_k, holds the strongest (`layer_shares`). Gates do not tell where in its interval a layer is; half of
+    its width is the error at the ends, where a reflector is that water flows past, and of layers anywhere in it the error is
+    w/√12. It is invalid for one gate, for a rig that does not declare the gate's centre, and where this layer is less than
+    1.96 of its standard errors above 0.
     """
     check_square(declared_geometry(rig), "turbulence-ml", "the covariance of slopes is that of squares")
     own, variance, valid = read_slopes(slopes, declared_geometry(rig))
@@ -66,12 +69,12 @@ def turbulence_ml(slopes: xr.Dataset, rig: DeclaredRig, coordinates: xr.Dataset)
         low, high = one[0].r0_interval_m
         if np.isfinite(high):
             r0[number], sigma[number] = one[0].r0_m, (high - low) / (2.0 * _HALF)
-    source, width = _source(rig, gates, [one[0] for one in found if one is not None])
+    source, sigma_source = _source(rig, gates, [one[0] for one in found if one is not None])
     with np.errstate(invalid="ignore"):
         doubt = np.sqrt(present * (1.0 - present))
     return stage_result(
         "turbulence", r0=r0, sigma=sigma, valid=np.isfinite(r0), present=present, sigma_present=doubt,
-        valid_present=np.isfinite(present), source=np.array([source]), sigma_source=np.array([width / np.sqrt(12.0)]),
+        valid_present=np.isfinite(present), source=np.array([source]), sigma_source=np.array([sigma_source]),
         valid_source=np.array([np.isfinite(source)]),
     )  # fmt: skip
 
@@ -84,7 +87,7 @@ def gate_ranges_m(rig: DeclaredRig, delay_s: Float) -> Float:
 
 
 def _source(rig: DeclaredRig, gates: Float, strengths: list[Strength]) -> tuple[float, float]:
-    """(middle of the interval between gates whose layer is strongest, the interval's width) [m]; NaN where none can be told."""
+    """(middle of the interval between gates whose layer is strongest, its error) [m]; NaN where none can be told."""
     if gates.size < 2 or len(strengths) < gates.size or rig.get("gate.centre_s") is None:
         return np.nan, np.nan
     edge = np.concatenate([[0.0], gate_ranges_m(rig, gates)])
@@ -98,4 +101,6 @@ def _source(rig: DeclaredRig, gates: Float, strengths: list[Strength]) -> tuple[
     best = int(np.argmax(layer))
     if not layer[best] > _HALF * error[best]:
         return np.nan, np.nan
-    return float(0.5 * (edge[best] + edge[best + 1])), float(edge[best + 1] - edge[best])
+    middle, half = 0.5 * (edge[1:] + edge[:-1]), 0.5 * np.diff(edge)
+    share = layer_shares(strengths, weight)
+    return float(middle[best]), float(np.sqrt((share * ((middle - middle[best]) ** 2 + half**2)).sum()))

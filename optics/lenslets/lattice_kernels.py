@@ -8,7 +8,7 @@ import numpy as np
 
 from ..jit import kernel
 
-__all__ = ["add_fields"]
+__all__ = ["add_fields", "sinc_about"]
 
 
 @kernel(fastmath=True)  # type: ignore[untyped-decorator]
@@ -56,14 +56,43 @@ def add_fields(
                 along_imag[a, p] *= spread_x[k, p]
         for y in range(points):
             factor = spread_y[k, y]
-            for p in range(points):
-                line_real[p] = 0.0
-                line_imag[p] = 0.0
-            for a in range(cells):
+            # Two rows of cells at a time, and a loop per output: fewer loads and stores, and loops that the compiler vectorises.
+            for a in range(0, cells, 2):
+                other = min(a + 1, cells - 1)
                 kr, ki = factor * y_real[ky, a, y], factor * y_imag[ky, a, y]
-                for p in range(points):
-                    line_real[p] += kr * along_real[a, p] - ki * along_imag[a, p]
-                    line_imag[p] += kr * along_imag[a, p] + ki * along_real[a, p]
+                mr, mi = factor * y_real[ky, other, y], factor * y_imag[ky, other, y]
+                if other == a:  # the last row of an odd number has no partner
+                    mr, mi = np.float32(0.0), np.float32(0.0)
+                if a == 0:
+                    for p in range(points):
+                        line_real[p] = (
+                            kr * along_real[a, p]
+                            - ki * along_imag[a, p]
+                            + mr * along_real[other, p]
+                            - mi * along_imag[other, p]
+                        )
+                    for p in range(points):
+                        line_imag[p] = (
+                            kr * along_imag[a, p]
+                            + ki * along_real[a, p]
+                            + mr * along_imag[other, p]
+                            + mi * along_real[other, p]
+                        )
+                else:
+                    for p in range(points):
+                        line_real[p] += (
+                            kr * along_real[a, p]
+                            - ki * along_imag[a, p]
+                            + mr * along_real[other, p]
+                            - mi * along_imag[other, p]
+                        )
+                    for p in range(points):
+                        line_imag[p] += (
+                            kr * along_imag[a, p]
+                            + ki * along_real[a, p]
+                            + mr * along_imag[other, p]
+                            + mi * along_real[other, p]
+                        )
             row, first = first_y[k] + y, first_x[k]
             if apart:
                 for p in range(points):
@@ -71,4 +100,23 @@ def add_fields(
             else:
                 for p in range(points):
                     out_real[row, first + p] += line_real[p]
+                for p in range(points):
                     out_imag[row, first + p] += line_imag[p]
+
+
+@kernel  # type: ignore[untyped-decorator]
+def sinc_about(place: Any, member: Any, shift: Any, out: Any) -> None:
+    """out (lenslets, points) = sinc(place[member[k]] − shift[k]), sinc x = sin πx/πx.
+
+    place (classes, points). sin π(a − b) comes from sines and cosines of a and b, one each per point and per lenslet; near its
+    zero, where that loses digits, from a series whose next term is 2e-16.
+    """
+    sin_place, cos_place = np.sin(np.pi * place), np.cos(np.pi * place)
+    for k in range(len(shift)):
+        kind, sin_shift, cos_shift = member[k], np.sin(np.pi * shift[k]), np.cos(np.pi * shift[k])
+        for p in range(place.shape[1]):
+            x = np.pi * (place[kind, p] - shift[k])
+            if abs(x) < 1e-2:
+                out[k, p] = 1.0 - x * x / 6.0 * (1.0 - x * x / 20.0)
+            else:
+                out[k, p] = (sin_place[kind, p] * cos_shift - cos_place[kind, p] * sin_shift) / x

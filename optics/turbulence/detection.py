@@ -15,6 +15,7 @@ Sources: S. S. Wilks, Ann. Math. Stat. 9:60, 1938; C. L. Lawson and R. J. Hanson
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +27,7 @@ from scipy.special import chdtri, expit, logsumexp
 __all__ = [
     "Strength",
     "increment_strength",
+    "layer_shares",
     "layer_strengths",
     "range_weights",
     "strength_and_probability",
@@ -35,6 +37,10 @@ __all__ = [
 
 Float = NDArray[np.float64]
 
+#: Draws from the likelihoods of the strengths at the gates, and their seed: shares have an error of 2 %, the same in every call.
+_DRAWS, _DRAW_SEED = 400, 20171
+#: Standard errors of a 95 % interval's half.
+_HALF = 1.96
 #: Nodes of the mean over ln r₀: likelihoods of many slopes are a few per cent of r₀ wide.
 _NODES = 2001
 
@@ -194,6 +200,24 @@ def layer_strengths(gate_strength: ArrayLike, gate_sigma: ArrayLike, weights: Ar
     size = np.linalg.norm(w / sigma[:, None], axis=0)
     safe = np.where(size > 0, size, 1.0)
     return np.asarray(nnls(w / sigma[:, None] / safe, q / sigma / scale)[0] * scale / safe)
+
+
+def layer_shares(gates: Sequence[Strength], weights: ArrayLike) -> Float:
+    """p (layers): the share of draws from the likelihoods at the gates in which each layer is the strongest.
+
+    ln q of a gate is taken as Gaussian with a width of its likelihood-ratio interval (95 %) over 3.92, the lower half alone where
+    the interval holds no turbulence; each draw is solved as `layer_strengths` does (B. Efron, Ann. Stat. 7:1, 1979: parametric
+    bootstrap). `weights` W (gates, layers). Raises ValueError as `layer_strengths`.
+    """
+    w = np.asarray(weights, np.float64)
+    q = np.array([max(one.q, 1e-3 * one.high) for one in gates])
+    high = np.array([one.high for one in gates])
+    low = np.array([max(one.low, 1e-3 * one.high) for one in gates])
+    sigma = np.array([one.sigma for one in gates])
+    normal = np.random.default_rng(_DRAW_SEED).standard_normal((_DRAWS, q.size))
+    drawn = q * np.exp(normal * np.where(normal > 0, np.log(high / q), np.log(q / low)) / _HALF)
+    best = [int(np.argmax(layer_strengths(one, sigma, w))) for one in drawn]
+    return np.asarray(np.bincount(best, minlength=w.shape[1]) / _DRAWS)
 
 
 def _maximum(e: Float, energy: Float, frames: int, level: float) -> Strength:

@@ -127,9 +127,11 @@ def _check(scene: RigScene) -> None:
             next_step="widen rig.pupil.diameter_m, or lower rig.pupil.least_fill",
         )  # fmt: skip
     if not lattice.open.any():
+        # Half of a sample must lie in the clear hexagon, and the middle of one in the clear square.
+        least = (2.0 if array.hexagonal else 1.0) / array.fill
         raise InputError(
             "No sample of the pupil lies in a lenslet's clear area.", where=f"{scene.name}: rig.pupil.samples",
-            value=rig.pupil.samples, allowed=f"more than {1 / array.fill:.3g} at a fill of {array.fill:g}",
+            value=rig.pupil.samples, allowed=f"{int(np.ceil(least))} or more at a fill of {array.fill:g}",
             next_step="raise rig.pupil.samples",
         )  # fmt: skip
     cell = array.pitch_m / camera.pixel_pitch_m
