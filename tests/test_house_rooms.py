@@ -41,8 +41,8 @@ ORDER: dict[str, tuple[str, ...]] = {
         "listing", "package",
     ),
     "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets", "design",
-        "search", "peers", "fidelity", "run", "gate", "checks", "reproduce",
+        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
+        "design", "search", "peers", "fidelity", "run", "gate", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip

@@ -47,9 +47,10 @@ def design(
         overrides: {path: value}, applied before validation.
     Other arguments:
         budget: Light in all, as a multiple of the scene's own: pulses of all slices, power of a laser, energy of a pulse.
-        margin_m: By how much the target may be nearer or farther than the scene says, m; by default half of the width of the response
-            (gated), or a tenth of the distance (laser line).
-        allow: Values to choose from, as NAME=VALUE,VALUE: slices, gate-width [s]; baseline [m], angle [deg]; pitch, focal-length [m].
+        margin_m: By how much the target may be nearer or farther than the scene says, m; by default half of the width of the
+            response (gated), or a tenth of the distance (laser line).
+        allow: Values to choose from, as NAME=VALUE,VALUE: slices, gate-width [s]; baseline [m], angle [deg]; pitch,
+            focal-length [m].
         fidelity: Rung that gives the light of the scene, the cheapest by default: with "scatter" and "full" what water and
             other surfaces add is in the bound.
         seed: Random seed of the captures that give the light, and of the choice of elements.

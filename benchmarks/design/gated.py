@@ -9,7 +9,8 @@ Ambiguity. With the echo at θ and at θ' and amplitude and background free, two
     d²(θ, θ') = min_{α', b'} Σ_k J(μ_k) (μ_k(θ) − α' R(θ' − t_k) − b')²,
 
 and are taken for each other with a probability of about Q(d/2) (Ziv and Zakai 1969). A design is ambiguous where d falls below six
-(Q(3) = .1 %) for two ranges of the window that are two widths of R or more apart, and light as of the weakest tenth of the pixels.
+(Q(3) = .1 %) for two ranges of the window that are a width of R or more apart (nearer, the bound tells), and light as of the
+weakest tenth of the pixels.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ Float = npt.NDArray[np.float64]
 #: Elements, grid points per width of R, reach of the grid beyond the echoes in widths of R.
 _ELEMENTS, _PER_WIDTH, _REACH = 100, 12, 3.0
 #: Least distance d of two ranges that are `_APART` widths apart, and the share of pixels with less light than it is asked of.
-_LEAST, _APART, _WEAK = 6.0, 2.0, 0.1
+_LEAST, _APART, _WEAK = 6.0, 1.0, 0.1
 #: Weights of a window without prior knowledge beside the pixels, tried in turn until a design is not ambiguous.
 _SPREAD = (0.0, 0.02, 0.1, 0.5)
 _SLICES = (4, 6, 8, 12, 16, 24, 32)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ...scenes.load import load_scene
 from ...scenes.scene import Scene
 from ..folders.files import write_json, write_text
 from ..judges import JUDGES, judge_of

@@ -1,9 +1,9 @@
 """Design of a Shack-Hartmann sensor: pitch and focal length of its lenslets, behind the same pupil and before the same camera.
 
 Every design is generated; what is bounded is the phase over the pupil, by `bounds.wavefront`. A longer focal length moves spots
-farther per slope and widens them: the guard is the share of spots that stay within half a pitch of their place, beyond which they are
-another lenslet's. A wider pitch gathers more light per spot and has fewer of them: a phase that they do not determine has no bound.
-What modes beyond the reconstructed ones add is not in the bound.
+farther per slope and widens them: the guard is the share of spots that stay within half a pitch of their place, beyond which they
+are another lenslet's. A wider pitch gathers more light per spot and has fewer of them: a phase that they do not determine has no
+bound. What modes beyond the reconstructed ones add is not in the bound.
 """
 
 from __future__ import annotations
