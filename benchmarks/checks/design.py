@@ -1,6 +1,6 @@
 """Does a design do what its bound says? Monte Carlo of maximum likelihood under the scene's own delays and the chosen ones.
 
-    python -m beambench.benchmarks.checks.design [--seeds N] [--budget B] [--widths 1,2] [SCENE …]
+    python -m beambench.benchmarks.checks.design [--seeds N] [--budget B] [--widths 1,2] [--fidelity RUNG] [SCENE …]
 
 Each scene is generated with its own delays and with the chosen ones, for equally many pulses in all, and read by `poisson-ml`.
 Columns: rms error over all pixels that see one surface (a pixel without an answer counts with the error of the prior), their ratio
@@ -54,7 +54,9 @@ class Compared:
     name: str
 
 
-def squares(scene: Scene, overrides: Mapping[str, Any], seeds: Sequence[int]) -> tuple[Float, float]:
+def squares(
+    scene: Scene, overrides: Mapping[str, Any], seeds: Sequence[int], fidelity: Any = None
+) -> tuple[Float, float]:
     """(sums of squared errors and counts (seed·block, 2) [m²], share of answers) of a scene under a design."""
     from ...generator.generate import generate
 
@@ -62,7 +64,7 @@ def squares(scene: Scene, overrides: Mapping[str, Any], seeds: Sequence[int]) ->
     sums: list[Float] = []
     answered = []
     for seed in seeds:
-        capture = generate(held, seed=seed)
+        capture = generate(held, seed=seed, fidelity=fidelity)
         truth = truth_of(capture)
         found = run_estimator(_READER, hide_truth(capture))
         good = single_valued(truth)
@@ -92,17 +94,19 @@ def _width(scene: Scene) -> float:
     return float(getattr(gate, "width_s", None) or gate.fwhm_s)
 
 
-def compared(name: str, *, seeds: Sequence[int], budget: float = 1.0, widths: Sequence[float] = (1.0, 2.0)) -> Compared:
-    """The comparison for one scene of the library, by name. widths: of the gates to choose from, as multiples of the scene's own."""
+def compared(
+    name: str, *, seeds: Sequence[int], budget: float = 1.0, widths: Sequence[float] = (1.0, 2.0), fidelity: Any = None
+) -> Compared:
+    """The comparison for one scene of the library, by name. widths: of gates to choose from, as multiples of the scene's own.
+    fidelity: rung of the light that is designed for and read; the cheapest by default."""
     scene = load_scene(name)
     width = _width(scene)
-    found = designed(
-        scene, budget=budget, allow=("slices=6,8", "gate-width=" + ",".join(str(width * one) for one in widths))
-    )
+    allow = ("slices=6,8", "gate-width=" + ",".join(str(width * one) for one in widths))
+    found = designed(scene, budget=budget, allow=allow, fidelity=fidelity)
     pulses = max(round(scene.rig.pulses_per_slice * budget), 1)  # type: ignore[union-attr]
-    own, answered = squares(scene, {"rig.pulses_per_slice": pulses}, seeds)
-    chosen, also = squares(scene, found.best.overrides, seeds)
-    even, _ = squares(scene, _even(found.best, scene), seeds[:1])
+    own, answered = squares(scene, {"rig.pulses_per_slice": pulses}, seeds, fidelity)
+    chosen, also = squares(scene, found.best.overrides, seeds, fidelity)
+    even, _ = squares(scene, _even(found.best, scene), seeds[:1], fidelity)
     rng = np.random.default_rng(5)
     draws = []
     for _ in range(_DRAWS):
@@ -122,6 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--budget", type=float, default=1.0)
     parser.add_argument("--widths", default="1,2")
+    parser.add_argument("--fidelity", default=None)
     given = parser.parse_args(arguments)
     widths = [float(one) for one in given.widths.split(",")]
     print("scene            own [mm]  chosen [mm]  even [mm]  own/chosen  95 % interval   by bounds  design")
@@ -129,7 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name in given.scenes:
-            one = compared(name, seeds=range(101, 101 + given.seeds), budget=given.budget, widths=widths)
+            seeds = range(101, 101 + given.seeds)
+            one = compared(name, seeds=seeds, budget=given.budget, widths=widths, fidelity=given.fidelity)
             reached += one.ratio >= 2.0
             print(
                 f"{name:15s} {1e3 * one.own_m:9.3f} {1e3 * one.chosen_m:12.3f} {1e3 * one.even_m:10.3f} {one.ratio:11.2f}"

@@ -54,7 +54,7 @@ def _bounds(found: Designed) -> Any:
     points = base.mark_point(filled=True, size=70, opacity=1.0).encode(
         shape=alt.Shape("kind:N", scale=alt.Scale(
             domain=["chosen", "the scene's own", "allowed", "not allowed"], range=["diamond", "square", "circle", "cross"],
-        ), title=None),
+        ), legend=None),
     )  # fmt: skip
     title = f"{found.scene}: {found.gain:.2f} times below the scene's own design"
     return points.properties(width=460, height=14 * len(rows) + 20, title=title)
