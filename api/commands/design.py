@@ -17,7 +17,7 @@ __all__ = ["DESIGN"]
 def _json(made: Design, given: Arguments) -> dict[str, Any]:
     import json
 
-    return {"out": str(made.out), **json.loads((made.out / "design.json").read_text(encoding="utf-8"))}
+    return {"out": str(made.out), **json.loads((made.out / "run.json").read_text(encoding="utf-8"))}
 
 
 def _text(made: Design, given: Arguments) -> None:

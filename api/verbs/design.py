@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from ..benchmarks.design.run import Designed
+    from ..benchmarks.design.result import Designed
     from ..scenes.scene import Scene
 
 __all__ = ["Design", "design"]
@@ -54,10 +54,10 @@ def design(
         fidelity: Rung that gives the light of the scene, the cheapest by default: with "scatter" and "full" what water and
             other surfaces add is in the bound.
         seed: Random seed of the captures that give the light, and of the choice of elements.
-        out: Folder of design.csv, design.json, design.png, overrides.json and set.txt; ./beambench-runs/design-<scene>-<time> by
+        out: Folder of design.csv, run.json, design.png, overrides.json and set.txt; ./beambench-runs/design-<scene>-<time> by
             default.
         overwrite: Replace an earlier design in `out`.
-        command: What was typed, for design.json.
+        command: What was typed, for run.json.
 
     Returns:
         `found`: the designs, with `own`, `best`, `gain` (their ratio) and `options`; and `out`.

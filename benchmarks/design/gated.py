@@ -261,13 +261,20 @@ def _options(scene: Scene, ask: Ask) -> tuple[list[Option], Curve]:
         posed = banks.setdefault(_key(gate), _Posed(bank_of(scene, ask, gate), margin))
         for count in ask.values["slices"]:
             even = np.linspace(settings.min(), settings.max(), int(count))
-            for kind, delay in (("even", even), ("chosen", _chosen(posed, int(count), total))):
+            tight = _tight(posed, int(count))
+            for kind, delay in (("even", even), ("tight", tight), ("chosen", _chosen(posed, int(count), total))):
                 option = _option(scene, posed, kind, delay, total, gate)
                 found.append(option)
                 lines[option.name] = delay
     best = min((one for one in found[1:] if one.allowed), key=lambda one: one.bound, default=own)
     used = banks[_key(best.overrides["rig.gates"][0] if best.overrides else gates[0])].bank
     return found, _curve(used, lines, {own.name, best.name})
+
+
+def _tight(posed: _Posed, count: int) -> Float:
+    """Even delays over the echoes alone, and two widths of R beyond them: what somebody sets who knows the ranges [s]."""
+    grid, beyond = posed.bank.grid_s, (_REACH - 2.0) * posed.bank.width_s
+    return np.linspace(grid[0] + beyond, grid[-1] - beyond, count)
 
 
 def _key(gate: Mapping[str, Any]) -> str:

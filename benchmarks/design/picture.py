@@ -10,7 +10,7 @@ from ..folders.files import write_atomic
 from ..report.charts import finished
 
 if TYPE_CHECKING:
-    from .run import Designed
+    from .result import Designed
 
 __all__ = ["save_design"]
 

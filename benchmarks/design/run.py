@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,40 +15,11 @@ from ...scenes.scene import Scene
 from ..folders.files import write_json, write_text
 from ..judges import JUDGES, judge_of
 from ..scores.tables import to_csv
-from .kind import Ask, Curve, Designs, Knob, Option
+from .kind import Ask, Designs, Knob, Option
+from .picture import save_design
+from .result import Designed
 
-__all__ = ["Designed", "designed", "designs_of", "write_design"]
-
-
-@dataclass(frozen=True)
-class Designed:
-    """A design.
-
-    Main arguments:
-        scene: its name. quantity, unit, factor: what is bounded, and the unit of display over that of `bound`. options: the
-            scene's own design first, then all others. best: the allowed one of least bound; the own one where none is better.
-            guard: what the column `guard` holds. curve: for the picture. knobs: what was chosen among.
-    """
-
-    scene: str
-    quantity: str
-    unit: str
-    factor: float
-    options: tuple[Option, ...]
-    best: Option
-    guard: str
-    curve: Curve
-    knobs: tuple[Knob, ...]
-
-    @property
-    def own(self) -> Option:
-        """The scene's own design."""
-        return self.options[0]
-
-    @property
-    def gain(self) -> float:
-        """Bound of the scene's own design over that of the best."""
-        return self.own.bound / self.best.bound
+__all__ = ["designed", "designs_of", "write_design"]
 
 
 def designs_of(scene: Scene) -> Designs:
@@ -124,14 +96,10 @@ def _allowed(allow: Sequence[str], knobs: Sequence[Knob]) -> dict[str, tuple[flo
 
 
 def write_design(found: Designed, source: str, out: Path, record: Mapping[str, Any]) -> None:
-    """Write design.csv, design.json, design.png and overrides.json into a folder.
+    """Write design.csv, run.json, design.png and overrides.json into a folder.
 
     overrides.json holds {path: value}; `set.txt` the same as options of `beambench generate`. Raises InputError.
     """
-    import json
-
-    from .picture import save_design
-
     rows = [
         {
             "design": one.name, **{knob.name: one.settings.get(knob.name, math.nan) for knob in found.knobs},
@@ -142,7 +110,7 @@ def write_design(found: Designed, source: str, out: Path, record: Mapping[str, A
     ]  # fmt: skip
     write_text(out / "design.csv", to_csv(rows, list(rows[0])))
     write_json(
-        out / "design.json",
+        out / "run.json",
         {
             **record, "scene": found.scene, "quantity": found.quantity, "unit": found.unit, "gain": found.gain,
             "best": _plain(found, found.best), "options": [_plain(found, one) for one in found.options],

@@ -138,7 +138,7 @@ BREAK = Kind(
     lambda folder: _lines(folder / "search.csv") > 1,
     note="search.csv lists the candidates judged so far",
 )
-DESIGN = Kind("design", ("design.csv", "design.json", "design.png", "overrides.json", "set.txt"), _never, whole=True)
+DESIGN = Kind("design", ("design.csv", "run.json", "design.png", "overrides.json", "set.txt"), _never, whole=True)
 FIDELITY = Kind(
     "fidelity",
     ("fidelity.csv", "policies.csv", "fidelity.json", "fidelity.svg", "fidelity-scenes.json"),
