@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .verbs.break_ import break_
     from .verbs.compare import compare
     from .verbs.data import data_finalize, data_repair, data_status, data_verify
+    from .verbs.design import design
     from .verbs.doctor import doctor
     from .verbs.estimate import estimate
     from .verbs.estimators import estimators_check, estimators_list, estimators_new, estimators_train
@@ -44,6 +45,7 @@ __all__ = [
     "data_repair",
     "data_status",
     "data_verify",
+    "design",
     "doctor",
     "estimate",
     "estimators_check",
@@ -73,6 +75,7 @@ _HOME = {
     "data_repair": ".verbs.data",
     "data_status": ".verbs.data",
     "data_verify": ".verbs.data",
+    "design": ".verbs.design",
     "doctor": ".verbs.doctor",
     "estimate": ".verbs.estimate",
     "estimators_check": ".verbs.estimators",

@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from .labels import format_label, label_of, parse_label, split_label
     from .registry import ENTRY_POINT_GROUP, Estimator, estimator, get_estimator, list_estimators, run_estimator
     from .result import range_result, stage_result
+    from .rig import read_rig
 
 __all__ = [
     "BUILTIN", "ENTRY_POINT_GROUP", "Estimator", "estimator", "format_label", "get_estimator", "label_of",
-    "list_estimators", "parse_label", "range_result", "read_stack", "run_estimator", "split_label", "stage_result", "train",
+    "list_estimators", "parse_label", "range_result", "read_rig", "read_stack", "run_estimator", "split_label", "stage_result",
+    "train",
 ]  # fmt: skip
 
 # No name here is that of a module: importing the module would replace it.
@@ -37,6 +39,7 @@ _HOME = {
     "list_estimators": "registry",
     "parse_label": "labels",
     "range_result": "result",
+    "read_rig": "rig",
     "read_stack": "gated.tools.stack",
     "run_estimator": "registry",
     "split_label": "labels",

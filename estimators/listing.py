@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..captures.layouts import stage_of
 from ..scenes.errors import InputError
 from .builtin import BUILTIN
 from .labels import links_of
-from .registry import get_estimator, list_estimators
+from .registry import Estimator, get_estimator, list_estimators
 
-__all__ = ["failed", "listed", "modalities_read", "modality_read", "row"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["described", "failed", "listed", "modalities_read", "modality_read", "row"]
 
 
 def listed(plugin_row: Callable[[str], dict[str, Any]]) -> list[dict[str, Any]]:
-    """One record per estimator: name, modality, parameters with defaults, source, origin, summary, error.
+    """One record per estimator: name, modality, stage, needs, parameters with defaults, source, origin, summary, error.
 
     Main arguments:
         plugin_row: gives the record of a plug-in by its name.
@@ -47,6 +51,24 @@ def modality_read(name: str, plugin_row: Callable[[str], dict[str, Any]]) -> str
     return str(record["modality"])
 
 
+def described(name: str, plugin_row: Callable[[str], dict[str, Any]]) -> Estimator:
+    """An estimator with its stage and needs; a plug-in, which is not imported here, has no function. `plugin_row` as in `listed`.
+    Raises InputError for one that cannot be imported."""
+    if name in BUILTIN:
+        return get_estimator(name)
+    record = plugin_row(name)
+    if record["error"]:
+        raise InputError(
+            f"The plug-in cannot be imported: {record['error']}.", where=name, next_step="beambench estimators list"
+        )
+    needs = tuple((str(path), str(value)) for path, value in record["needs"].items())
+    return Estimator(name, stage_of(record["stage"]), str(record["cites"]), _not_here, needs)
+
+
+def _not_here(capture: xr.Dataset) -> xr.Dataset:
+    raise InputError("A plug-in is not called in this process.", where="described", allowed="a child process")
+
+
 def row(name: str, origin: str = "built-in") -> dict[str, Any]:
     """The record of an estimator, which is imported here; see `listed` for its entries."""
     try:
@@ -61,6 +83,8 @@ def row(name: str, origin: str = "built-in") -> dict[str, Any]:
     return {
         "name": name,
         "modality": found.modality,
+        "stage": found.stage.word,
+        "needs": dict(found.needs),
         "parameters": parameters,
         "cites": found.cites,
         "origin": origin,
@@ -71,4 +95,7 @@ def row(name: str, origin: str = "built-in") -> dict[str, Any]:
 
 def failed(name: str, origin: str, why: str) -> dict[str, Any]:
     """The record of an estimator that cannot be imported."""
-    return {"name": name, "modality": "", "parameters": {}, "cites": "", "origin": origin, "summary": "", "error": why}
+    return {
+        "name": name, "modality": "", "stage": "", "needs": {}, "parameters": {}, "cites": "", "origin": origin,
+        "summary": "", "error": why,
+    }  # fmt: skip

@@ -1,7 +1,7 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound` and `gate` are new.
+`bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations
@@ -89,6 +89,17 @@ data status: DATA <text> required
 data verify: --debug <flag> default False
 data verify: --json <flag> default False
 data verify: DATA <text> required
+design: --allow <text...> default None
+design: --budget <number> default 1.0
+design: --debug <flag> default False
+design: --fidelity <{direct,scatter,full,geometric,isolated,coherent}> default None
+design: --json <flag> default False
+design: --margin-m <number> default None
+design: --out -o <text> default None
+design: --overwrite <flag> default False
+design: --seed <number> default 1
+design: --set <text...> default None
+design: SCENE <text> required
 doctor: --debug <flag> default False
 doctor: --json <flag> default False
 estimate: --debug <flag> default False
@@ -100,8 +111,11 @@ estimate: --overwrite <flag> default False
 estimate: --resume <flag> default False
 estimate: --time-limit-s <number> default 600.0
 estimate: DATA <text> required
+estimators check: --chart <text> default None
+estimators check: --compare --no-compare <flag> default True
 estimators check: --debug <flag> default False
 estimators check: --json <flag> default False
+estimators check: --overwrite <flag> default False
 estimators check: ESTIMATOR <text> required
 estimators list: --debug <flag> default False
 estimators list: --json <flag> default False

@@ -52,7 +52,7 @@ def test_the_registry_is_not_empty() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_laws_hold(name: str) -> None:
-    results = beambench.estimators_check(name)
+    results = beambench.estimators_check(name, compare=False).laws
     assert [result for result in results if not result.holds] == []
     assert len(results) >= 14
 
@@ -107,7 +107,7 @@ def test_nothing_to_see_is_not_answered(name: str) -> None:
 def test_clean_captures_are_valid_and_can_be_doubled(modality: str) -> None:
     maker = maker_of(_first(modality))
     for make in maker.laws.captures:
-        validate(make())
+        validate(make(1))
     name = layout_of(modality).data
     data, twice = maker.clean()[name].values, maker.doubled()
     assert twice is not None and (twice[name].values == 2 * data.astype(int)).all()
@@ -125,7 +125,7 @@ def test_clean_captures_are_valid_and_can_be_doubled(modality: str) -> None:
      (maker_of("amcw").laws.captures[0], "amcw-ml")],
 )  # fmt: skip
 def test_maximum_likelihood_attains_the_bound_of_a_written_capture(make: Callable[[], xr.Dataset], name: str) -> None:
-    capture = make()
+    capture = make(1)
     bound = bound_of(capture)
     found = run_estimator(name, hide_truth(capture))
     z = (found["range"].values - capture["truth_range"].values) / bound.sigma

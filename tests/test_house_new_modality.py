@@ -106,7 +106,14 @@ def test_its_estimator_is_checked_against_the_laws(copy: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     laws = {row["law"] for row in json.loads(done.stdout)["laws"]}
     assert {"shift: a later zero of time, farther ranges", "pings do not depend on their order"} <= laws
-    assert len(laws) == 19 and not any(law.startswith("gain") for law in laws)
+    assert len(laws) == 20 and not any(law.startswith("gain") for law in laws)
+
+
+def test_an_author_gets_a_working_package_for_it(copy: Path) -> None:
+    done = beambench(copy, "estimators", "new", "my-sounder", "--stage", "echo_sounder", "-o", "my-sounder")
+    assert done.returncode == 0, done.stderr
+    text = (copy / "my-sounder" / "beambench_my_sounder.py").read_text(encoding="utf-8")
+    assert '@estimator("echo_sounder"' in text and "def my_sounder(" in text
 
 
 def test_a_run_has_its_report_and_names_its_elements(copy: Path) -> None:

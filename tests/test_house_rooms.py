@@ -42,7 +42,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
-        "search", "peers", "fidelity", "run", "gate", "checks", "reproduce",
+        "design", "search", "peers", "fidelity", "run", "gate", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip

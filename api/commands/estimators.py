@@ -9,7 +9,8 @@ from ..console import print_lines, print_table
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
-    from ..benchmarks.laws.suite import LawResult
+    from ..benchmarks.laws.check import Check
+    from ..benchmarks.laws.place import Place
 
 __all__ = ["CHECK", "LIST", "NEW", "TRAIN"]
 
@@ -42,29 +43,66 @@ LIST = command(
 )
 
 
-def _broken(results: list[LawResult]) -> list[LawResult]:
-    return [result for result in results if not result.holds]
-
-
-def _check_json(results: list[LawResult], given: Arguments) -> dict[str, Any]:
+def _check_json(found: Check, given: Arguments) -> dict[str, Any]:
     from dataclasses import asdict
 
-    return {"ok": not _broken(results), "laws": [asdict(result) for result in results]}
+    laws = [asdict(result) for result in found.laws]
+    return {"ok": found.ok, "laws": laws, "place": None if found.place is None else asdict(found.place)}
 
 
-def _check_text(results: list[LawResult], given: Arguments) -> None:
+def _check_text(found: Check, given: Arguments) -> None:
     print_table(
-        ("law", "", "seen"), [(r.law, "ok" if r.holds else "BROKEN", "" if r.holds else r.seen) for r in results]
+        ("law", "", "seen"), [(r.law, "ok" if r.holds else "BROKEN", "" if r.holds else r.seen) for r in found.laws]
     )
-    broken = len(_broken(results))
-    print_lines("", f"{broken} of {len(results)} laws are broken" if broken else f"all {len(results)} laws hold")
+    broken = sum(not result.holds for result in found.laws)
+    print_lines("", f"{broken} of {len(found.laws)} laws are broken" if broken else f"all {len(found.laws)} laws hold")
+    if found.place is not None:
+        _place_text(found.place)
+        if given.get("chart") and not found.place.why:
+            print_lines("", f"chart    {given['chart']}")
+
+
+def _place_text(place: Place) -> None:
+    from ..benchmarks.report.place_chart import text_chart
+
+    if place.why:
+        print_lines("", f"no comparison: {place.why}")
+        return
+    bound = f"; bound {place.bound:.3g} {place.unit}" if place.bound > 0 else ""
+    print_lines(
+        "",
+        f"{place.quantity}, {place.elements} elements of {place.captures} clean capture{'s' if place.captures > 1 else ''}{bound}",
+    )
+    print_table(
+        ("", "estimator", f"rms error [{place.unit}]", "answered", "error/sigma", "CPU per element [us]", "status"),
+        [
+            (
+                "*" if one.own else "", one.label, f"{one.rmse:.3g}", f"{one.coverage:.0%}", f"{one.z_rms:.2f}",
+                f"{1e6 * one.cpu_s:.3g}", one.status,
+            )
+            if one.status == "ok"
+            else ("*" if one.own else "", one.label, "–", "–", "–", "–", one.status)
+            for one in sorted(place.standings, key=lambda one: (one.status != "ok", one.rmse))
+        ],
+        right=(f"rms error [{place.unit}]", "answered", "error/sigma", "CPU per element [us]"),
+    )  # fmt: skip
+    print_lines("", *text_chart(place), "")
+    for one in place.breakdowns:
+        beside = f"; {one.best}: {_level(one.best_first)}" if one.best and one.best != place.own.label else ""
+        print_lines(f"a tenth of the answers fails at {one.stress}: {_level(one.first)}{beside}")
+
+
+def _level(level: float | None) -> str:
+    return "none of the levels tried" if level is None else f"{level:g} times that of the clean capture"
 
 
 CHECK = command(
     "estimators check",
     "estimators:estimators_check",
-    View(_check_text, _check_json, lambda results: int(bool(_broken(results)))),
-    examples="Example:\n  beambench estimators check poisson-ml",
+    View(_check_text, _check_json, lambda found: int(not found.ok)),
+    examples="Examples:\n  beambench estimators check poisson-ml\n"
+    "  beambench estimators check line-steger --chart line-steger.png\n"
+    "  beambench estimators check my-median --no-compare",
 )
 
 
@@ -81,7 +119,8 @@ NEW = command(
     "estimators new",
     "estimators:estimators_new",
     View(_new_text, _new_json),
-    examples="Example:\n  beambench estimators new my-median -o my-median",
+    examples="Examples:\n  beambench estimators new my-median -o my-median\n"
+    "  beambench estimators new my-finder --stage line -o my-finder",
 )
 
 

@@ -25,6 +25,7 @@ _COMMANDS = {
     "estimators train": (0, "estimators:TRAIN"),
     "export": (9, "estimate:EXPORT"),
     "bound": (10, "bound:BOUND"),
+    "design": (11, "design:DESIGN"),
     "sweep": (13, "search:SWEEP"),
     "break": (14, "search:BREAK"),
     "fidelity": (15, "fidelity:FIDELITY"),

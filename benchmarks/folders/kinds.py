@@ -10,7 +10,7 @@ from typing import Any
 
 from ...scenes.json_keys import read_json
 
-__all__ = ["BREAK", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
+__all__ = ["BREAK", "DESIGN", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
 
 
 @dataclass(frozen=True)
@@ -138,6 +138,7 @@ BREAK = Kind(
     lambda folder: _lines(folder / "search.csv") > 1,
     note="search.csv lists the candidates judged so far",
 )
+DESIGN = Kind("design", ("design.csv", "run.json", "design.png", "overrides.json", "set.txt"), _never, whole=True)
 FIDELITY = Kind(
     "fidelity",
     ("fidelity.csv", "policies.csv", "fidelity.json", "fidelity.svg", "fidelity-scenes.json"),

@@ -42,4 +42,5 @@ JUDGE = Judge(
     neighbours=("poisson-ml", "weighted-average[background=outside]", "parabola"),
     scenes=("flat-wall", "tilted-wall", "sphere"),
     laws="beambench.benchmarks.laws.gated:LAWS",
+    design="beambench.benchmarks.design.gated:DESIGNS",
 )

@@ -39,6 +39,8 @@ class Judge:
         laws: "module:object" of the record `benchmarks.laws.maker.Laws`, with which estimators are checked; "" if the
             modality has no laws.
         rungs: "module:object" of the record `benchmarks.fidelity.bench.Bench`, with which the choice between rungs is measured.
+        design: "module:object" of the record `benchmarks.design.kind.Designs`, with which settings of the rig are chosen; "" if
+            none are.
     """
 
     truth: Callable[[xr.Dataset], Mapping[str, Truth]]
@@ -50,3 +52,4 @@ class Judge:
     feeders: Mapping[str, str] = field(default_factory=dict)
     laws: str = ""
     rungs: str = ""
+    design: str = ""

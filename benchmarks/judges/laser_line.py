@@ -42,5 +42,6 @@ JUDGE = Judge(
     scenes=("spotscan-wall",),
     feeders={"triangulation": "line-erf", "spectrum": _CHAIN, "gravity": _CHAIN},
     laws="beambench.benchmarks.laws.laser_line:LAWS",
+    design="beambench.benchmarks.design.laser_line:DESIGNS",
     rungs="beambench.benchmarks.fidelity.laser_line:BENCH",
 )

@@ -62,4 +62,5 @@ JUDGE = Judge(
         "deconvolution": "spot-ml+slope-cell+zernike-map",
     },
     laws="beambench.benchmarks.laws.wavefront:LAWS",
+    design="beambench.benchmarks.design.wavefront:DESIGNS",
 )  # fmt: skip

@@ -21,10 +21,12 @@ _ELECTRONS, _BACKGROUND = 2e4, 3.0
 _DELAY_S = 1e-9
 
 
-def clean_capture(seed: int = 1) -> xr.Dataset:
+def clean_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
     """A bright capture (48, 3, 4) with its truth: 20,000 photoelectrons in a sample, 3 of background."""
     scene = load_scene("amcw", {"rig.shots": _SHOTS})
-    return written_capture(scene, _ELECTRONS, _BACKGROUND, 4.0 + 0.1 * np.linspace(0, 1, _SHOTS), seed=seed)
+    return written_capture(
+        scene, light * _ELECTRONS, background * _BACKGROUND, 4.0 + 0.1 * np.linspace(0, 1, _SHOTS), seed=seed
+    )
 
 
 def _half(rig: dict[str, Any]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 
@@ -14,9 +15,23 @@ from ...scenes.errors import InputError
 from ..judges import JUDGES, judge_of
 from ..runner.estimator_labels import check_estimators
 from .maker import Laws, Maker, Run
+from .place import Place
 from .suite import LawResult, Report, judged, named
 
-__all__ = ["check_laws", "fed", "laws_of", "maker_of"]
+__all__ = ["Check", "check_laws", "fed", "laws_of", "laws_record", "maker_of"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What `estimators check` found: the laws, and the place among the built-in estimators, None where it was not asked for."""
+
+    laws: list[LawResult]
+    place: Place | None
+
+    @property
+    def ok(self) -> bool:
+        """Whether every law holds."""
+        return all(result.holds for result in self.laws)
 
 
 def fed(name: str) -> str:
@@ -46,7 +61,7 @@ def check_laws(run: Run, stage: str, report: Report | None = None) -> list[LawRe
 
     Raises InputError for a stage that has no laws.
     """
-    return judged(named(run, Maker(_laws(stage_of(stage)), stage_of(stage))), report)
+    return judged(named(run, Maker(laws_record(stage_of(stage)), stage_of(stage))), report)
 
 
 def laws_of(label: str) -> tuple[list[str], Callable[[Report | None], list[LawResult]]]:
@@ -61,16 +76,17 @@ def laws_of(label: str) -> tuple[list[str], Callable[[Report | None], list[LawRe
     name, params = parse_label(chosen.label)
     found = get_estimator(fed(name))
     run = partial(found.function, **check_parameters(found.function, params, where=name))
-    laws = named(run, Maker(_laws(found.stage), found.stage, found.unfit, joint=found.joint))
+    laws = named(run, Maker(laws_record(found.stage), found.stage, found.unfit, joint=found.joint))
     return list(laws), lambda report: judged(laws, report)
 
 
 def maker_of(stage: str) -> Maker:
     """The captures that the laws of a stage run on. Raises InputError for a stage that has no laws."""
-    return Maker(_laws(stage_of(stage)), stage_of(stage))
+    return Maker(laws_record(stage_of(stage)), stage_of(stage))
 
 
-def _laws(stage: Stage) -> Laws:
+def laws_record(stage: Stage) -> Laws:
+    """What the modality of a stage contributes to the laws. Raises InputError for a stage that has no laws."""
     judge = judge_of(stage.modality) if stage.modality in JUDGES else None
     tried = judge is not None and (stage.reads_captures or stage.word in judge.feeders)
     place = judge.laws if judge is not None and tried else ""

@@ -25,8 +25,8 @@ _ELECTRONS, _BACKGROUND = 4000.0, 4.0
 _STEPS = 7
 
 
-def clean_capture(seed: int = 1) -> xr.Dataset:
-    """A bright capture (64, 4, 24) with its truth: 4000 photoelectrons at an open gate, 4 of background."""
+def clean_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
+    """A bright capture (64, 4, 24) with its truth: 4000 photoelectrons at an open gate, 4 of background, or multiples."""
     scene = load_scene(
         "flat-wall",
         {"rig.camera.rows": _ROWS, "rig.camera.cols": _COLS, "rig.camera.focal_length_m": 1.0,
@@ -36,7 +36,7 @@ def clean_capture(seed: int = 1) -> xr.Dataset:
     middle = rig.delays.start_s + rig.delays.step_s * (rig.delays.count // 2)
     half = C_M_PER_S / (2 * group_index(scene.medium, rig.laser.wavelength_m))
     ranges = middle * half + 0.02 * np.linspace(-1, 1, _ROWS * _COLS).reshape(_ROWS, _COLS)
-    return written_capture(scene, _ELECTRONS, _BACKGROUND, ranges, seed=seed)
+    return written_capture(scene, light * _ELECTRONS, background * _BACKGROUND, ranges, seed=seed)
 
 
 def _step(capture: xr.Dataset) -> float:

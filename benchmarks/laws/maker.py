@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from ...scenes.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Answer", "Change", "Laws", "Maker", "Run"]
+__all__ = ["Answer", "Change", "Laws", "Make", "Maker", "Run"]
 
 Array = npt.NDArray[Any]
 
@@ -30,12 +30,25 @@ Run = Callable[["xr.Dataset"], "xr.Dataset"]
 Change = Callable[[Array], Array]
 
 
+class Make(Protocol):
+    """Makes a clean capture."""
+
+    def __call__(self, seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
+        """That of this seed, with so many times the light and the background."""
+        ...
+
+
+#: Seed of the clean capture.
+_SEED = 1
+
+
 @dataclass(frozen=True)
 class Laws:
     """What a modality contributes to the laws.
 
     Main arguments:
-        captures: makers of a clean, bright capture of 40 elements or more; the first one that an estimator can read is used.
+        captures: makers of a clean, bright capture of 40 elements or more, with its truth, and of the same with less light or
+            more background; the first one that an estimator can read is used.
         shift: what is moved and what follows, e.g. "later delays, farther ranges".
         later: capture -> (the capture moved in time or place, by how much the answer must change [unit of the first
             quantity of the stage]).
@@ -48,13 +61,13 @@ class Laws:
             `adc_bits`; None where the detector has no converter.
     """
 
-    captures: tuple[Callable[[], xr.Dataset], ...]
+    captures: tuple[Make, ...]
     shift: str
     later: Callable[[xr.Dataset], tuple[xr.Dataset, float]]
     step: Callable[[xr.Dataset], float]
     converter: Callable[[dict[str, Any]], dict[str, Any] | None]
     steps: Mapping[str, Callable[[xr.Dataset], float]] = field(default_factory=dict)
-    own: Mapping[str, tuple[Callable[[], xr.Dataset], ...]] = field(default_factory=dict)
+    own: Mapping[str, tuple[Make, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -84,9 +97,9 @@ class Maker:
         self.laws, self.stage, self.layout, self.joint = laws, stage, layout_of(stage.modality), joint
         reasons = []
         for make in laws.own.get(stage.word, laws.captures):
-            capture = make()
+            capture = make(_SEED)
             if not (reason := unfit(capture)):
-                self._clean = hide_truth(capture)
+                self._clean, self._make = hide_truth(capture), make
                 return
             reasons.append(reason)
         raise InputError(
@@ -121,6 +134,14 @@ class Maker:
     def clean(self) -> xr.Dataset:
         """A copy of the clean capture, without truth; its arrays can be written."""
         return self._clean.copy(deep=True)
+
+    def stressed(self, seed: int, *, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
+        """The clean capture with its truth, other noise, and multiples of its light and background."""
+        return self._make(seed, light, background)
+
+    def redrawn(self, number: int) -> xr.Dataset:
+        """The clean capture, without truth, with other noise; `number` from 1 on tells which."""
+        return hide_truth(self._make(_SEED + number))
 
     def later(self) -> tuple[xr.Dataset, float]:
         """(the clean capture, moved; by how much the answer must change)."""

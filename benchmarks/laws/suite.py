@@ -45,6 +45,12 @@ DEAD_TOLERANCE = 1e-2
 #: and its root mean square within 1/√(2n) of 1 or less.
 SPOILT_ERRORS = 4.0
 
+#: By how much the scatter of answers to other noise may exceed their sigma, beyond chance: a sigma that is read off few
+#: photoelectrons, or leaves out a reference that all elements share, is a tenth or two too small.
+SCATTER = 1.25
+#: Answers that the law of scatter compares at least, and the most pairs of captures it takes for them.
+_ENOUGH, _MOST_PAIRS = 32, 4
+
 Law = Callable[[Run, Maker], str]
 
 
@@ -67,6 +73,7 @@ def laws_for(maker: Maker) -> dict[str, Law]:
         "keeps the contract of its stage": contract,
         "answers a bright, clean capture": answers,
         "valid answers have a positive sigma": positive_sigma,
+        "answers to other noise scatter within their sigma": scatter,
         "same answer twice": repeats,
         "leaves its input alone": leaves_input,
         "other data have their own answer": own_answers,
@@ -143,6 +150,24 @@ def positive_sigma(run: Run, maker: Maker) -> str:
     """Every valid answer has a finite standard error above 0."""
     bad = sum(int((a.valid & ~possible_sigma(a.sigma)).sum()) for a in maker.answers(run(maker.clean())))
     return f"Valid answers without a positive sigma: {bad}." if bad else ""
+
+
+def scatter(run: Run, maker: Maker) -> str:
+    """Answers a, b to two draws of the noise differ by √(σ_a² + σ_b²) or less, in the root mean square over elements. A stated
+    error may hold more than the noise, such as a bias within the sample; it may not hold less."""
+    parts: list[np.ndarray] = []
+    for pair in range(_MOST_PAIRS):
+        one, two = (maker.first(run(maker.redrawn(2 * pair + k))) for k in (1, 2))
+        both = one.valid & two.valid if one.valid.shape == two.valid.shape else np.zeros(0, bool)
+        if both.any():
+            parts.append((one.value[both] - two.value[both]) / np.hypot(one.sigma[both], two.sigma[both]))
+        if sum(part.size for part in parts) >= _ENOUGH:
+            break
+    z = np.concatenate(parts) if parts else np.zeros(0)
+    rms = float(np.sqrt((z**2).mean())) if z.size else 0.0
+    if rms <= SCATTER + SPOILT_ERRORS / np.sqrt(2 * max(z.size, 1)):
+        return ""
+    return f"{z.size} answers to other noise scatter by {rms:.2g} of their sigma."
 
 
 def repeats(run: Run, maker: Maker) -> str:

@@ -23,13 +23,15 @@ _ELECTRONS, _BACKGROUND = 4000.0, 4.0
 _DELAY_S, _START_S = 1e-9, 2e-9
 
 
-def clean_capture(seed: int = 1) -> xr.Dataset:
+def clean_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
     """A bright analog capture (48, 128) with its truth: 4000 photoelectrons in an echo, 4 in a sample of background."""
     scene = load_scene("counter", {"rig.record.shots": _SHOTS, "rig.laser.energy_fluctuation": 0.0})
-    return written_capture(scene, _ELECTRONS, _BACKGROUND, 4.0 + 0.1 * np.linspace(0, 1, _SHOTS), seed=seed)
+    return written_capture(
+        scene, light * _ELECTRONS, background * _BACKGROUND, 4.0 + 0.1 * np.linspace(0, 1, _SHOTS), seed=seed
+    )
 
 
-def counted_capture(seed: int = 1) -> xr.Dataset:
+def counted_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
     """The same light (48, 160), counted photon by photon: no dead time, and so many pulses that no count hides another."""
     changes = {
         "rig.record.shots": _SHOTS, "rig.pulses_per_shot": 65535, "rig.detector.readout.dead_time_s": 0.0,
@@ -38,7 +40,7 @@ def counted_capture(seed: int = 1) -> xr.Dataset:
     rig = waveform_rig(scene)
     half = C_M_PER_S / (2 * group_index(scene.medium, rig.laser.wavelength_m))
     ranges = (rig.record.start_s + 4e-9) * half + 0.1 * np.linspace(0, 1, _SHOTS)
-    return written_capture(scene, _ELECTRONS, _BACKGROUND, ranges, seed=seed)
+    return written_capture(scene, light * _ELECTRONS, background * _BACKGROUND, ranges, seed=seed)
 
 
 def _half(capture: xr.Dataset) -> float:

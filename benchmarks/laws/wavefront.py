@@ -11,6 +11,8 @@ import xarray as xr
 
 from ...optics.deconvolution import blurred_eq31, point_spread, transfer_of
 from ...optics.lenslets.gradients import mean_gradients, square
+from ...optics.turbulence.slopes import gradient_covariance
+from ...optics.turbulence.strength import kolmogorov_structure
 from ...optics.zernike import zernike
 from ...scenes.load import load_scene
 from ...scenes.rigs.wavefront import wavefront_rig
@@ -19,11 +21,13 @@ from ...scenes.scene import Scene
 from ..written.wavefront import written_capture
 from .maker import Laws
 
-__all__ = ["LAWS", "clean_capture", "imaged_capture"]
+__all__ = ["LAWS", "clean_capture", "imaged_capture", "turbulent_capture"]
 
 _FRAMES, _ELECTRONS, _BACKGROUND = 48, 1.5e3, 2.0
 #: Greatest Noll index of the wavefront, and how far it moves the spots, rms.
 _MODES, _PIXELS = 6, 0.1
+#: Fried's parameter of the turbulent capture, twice the pupil: it moves the spots by .2 px rms.
+_R0_M = 1.5e-3
 #: Pixels by which the camera is moved.
 _SHIFT = 2
 #: Side and black border [px] of the image, and photoelectrons of a white pixel.
@@ -32,33 +36,54 @@ _IMAGE, _EDGE, _WHITE = 16, 4, 1e4
 Float = npt.NDArray[np.float64]
 
 
-def clean_capture(seed: int = 1) -> xr.Dataset:
+def clean_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
     """48 frames of 4 × 4 lenslets, 1,500 photoelectrons each, moved by .1 px rms by slopes of the modes that are fitted.
 
     A converter of 12 bits, and an offset well above the noise, so that a count of 0 is a dead pixel.
     """
     scene = _scene()
-    return written_capture(scene, _ELECTRONS, _BACKGROUND, _waves(scene)[1], seed=seed)
+    coefficient, slope = _waves(scene)
+    capture = written_capture(scene, light * _ELECTRONS, background * _BACKGROUND, slope, seed=seed)
+    return capture.assign(truth_zernike=capture["truth_zernike"].copy(data=coefficient))
 
 
-def imaged_capture(seed: int = 1) -> xr.Dataset:
+def imaged_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
     """`clean_capture` with what a camera of 16 × 16 pixels sees through the same waves: a white square."""
     scene = _scene()
-    capture = clean_capture(seed)
+    capture = clean_capture(seed, light, background)
     lattice, radius = lattice_of(wavefront_rig(scene)), 0.5 * wavefront_rig(scene).pupil.diameter_m
     x, y = np.broadcast_arrays(lattice.grid_m[None, :] / radius, lattice.grid_m[:, None] / radius)
     modes = zernike(range(2, _MODES + 1), x, y)
+    white = light * _WHITE
     wide = np.zeros((2 * _IMAGE, 2 * _IMAGE))
-    wide[_EDGE : _IMAGE - _EDGE, _EDGE : _IMAGE - _EDGE] = _WHITE
+    wide[_EDGE : _IMAGE - _EDGE, _EDGE : _IMAGE - _EDGE] = white
     drawn, rng = np.empty((_FRAMES, _IMAGE, _IMAGE)), np.random.default_rng(seed)
     for frame, coefficient in enumerate(_waves(scene)[0]):
         spread = point_spread(np.tensordot(coefficient, modes, axes=1), lattice.mask.astype(np.float64))
         mean = blurred_eq31(wide, transfer_of(spread, wide.shape))[:_IMAGE, :_IMAGE]
         drawn[frame] = rng.poisson(np.maximum(mean, 0.0))
-    rig = json.loads(capture.attrs["rig"]) | {"imager": {"side": _IMAGE, "photoelectrons": _WHITE, "read_noise_e": 0.0}}
+    rig = json.loads(capture.attrs["rig"]) | {"imager": {"side": _IMAGE, "photoelectrons": white, "read_noise_e": 0.0}}
     attributes = {"units": "electron", "long_name": "chart seen through the same pupil"}
     image = (("frame", "image_row", "image_col"), drawn, attributes)
-    return capture.assign(image=image).assign_attrs(rig=json.dumps(rig))
+    told = {"units": "1", "long_name": "the chart, 1 where it is white"}
+    chart = (("image_row", "image_col"), wide[:_IMAGE, :_IMAGE] / white, told)
+    return capture.assign(image=image, truth_image=chart).assign_attrs(rig=json.dumps(rig))
+
+
+def turbulent_capture(seed: int = 1, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
+    """`clean_capture` behind Kolmogorov's turbulence of r0 = 1.5 mm: slopes drawn from their covariance, new ones for each seed."""
+    scene = _scene()
+    rig = wavefront_rig(scene)
+    lattice, k = lattice_of(rig), 2.0 * np.pi / rig.wavelength_m
+    centre = np.stack([lattice.x_m, lattice.y_m], axis=1)
+    covariance = gradient_covariance(lambda r: kolmogorov_structure(r, _R0_M), centre, rig.lenslets.pitch_m) / k**2
+    rng = np.random.default_rng(1000 + seed)
+    slope = rng.multivariate_normal(np.zeros(len(covariance)), covariance, _FRAMES).reshape(_FRAMES, -1, 2)
+    capture = written_capture(scene, light * _ELECTRONS, background * _BACKGROUND, slope, seed=seed)
+    truth = {"r0": (_R0_M, "m"), "present": (1.0, "1")}
+    return capture.assign(
+        {f"truth_{name}": (("gate",), np.array([value]), {"units": unit}) for name, (value, unit) in truth.items()}
+    )
 
 
 def _scene() -> Scene:
@@ -126,5 +151,5 @@ def _converter(rig: dict[str, Any]) -> dict[str, Any]:
 LAWS = Laws(
     (clean_capture,), "camera and declared lenslets moved by whole pixels, spots moved as far", _later, _step, _converter,
     {"assignment": _slope_step, "reconstruction": _mode_step, "turbulence": _r0_step, "deconvolution": _image_step},
-    {"deconvolution": (imaged_capture,)},
+    {"deconvolution": (imaged_capture,), "turbulence": (turbulent_capture,)},
 )  # fmt: skip

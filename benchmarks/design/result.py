@@ -1,0 +1,40 @@
+"""The outcome of a design."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .kind import Curve, Knob, Option
+
+__all__ = ["Designed"]
+
+
+@dataclass(frozen=True)
+class Designed:
+    """A design.
+
+    Main arguments:
+        scene: its name. quantity, unit, factor: what is bounded, and the unit of display over that of `bound`. options: the
+            scene's own design first, then all others. best: the allowed one of least bound; the own one where none is better.
+            guard: what the column `guard` holds. curve: for the picture. knobs: what was chosen among.
+    """
+
+    scene: str
+    quantity: str
+    unit: str
+    factor: float
+    options: tuple[Option, ...]
+    best: Option
+    guard: str
+    curve: Curve
+    knobs: tuple[Knob, ...]
+
+    @property
+    def own(self) -> Option:
+        """The scene's own design."""
+        return self.options[0]
+
+    @property
+    def gain(self) -> float:
+        """Bound of the scene's own design over that of the best."""
+        return self.own.bound / self.best.bound

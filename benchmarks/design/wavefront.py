@@ -1,0 +1,100 @@
+"""Design of a Shack-Hartmann sensor: pitch and focal length of its lenslets, behind the same pupil and before the same camera.
+
+Every design is generated; what is bounded is the phase over the pupil, by `bounds.wavefront`. A longer focal length moves spots
+farther per slope and widens them: the guard is the share of spots that stay within half a pitch of their place, beyond which they
+are another lenslet's. A wider pitch gathers more light per spot and has fewer of them: a phase that they do not determine has no
+bound. What modes beyond the reconstructed ones add is not in the bound.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...scenes.errors import InputError
+from ...scenes.load import load_scene
+from ...scenes.rigs.wavefront import wavefront_rig
+from ...scenes.scene import Scene
+from ..bounds.wavefront import wavefront_bounds
+from ..suites.stress import axis_overrides
+from .kind import Ask, Curve, Designs, Knob, Option
+
+__all__ = ["DESIGNS"]
+
+#: Multiples of pitch and focal length from which a design is chosen by default.
+_WIDER, _LONGER = (0.75, 1.0, 1.5, 2.0), (0.5, 1.0, 1.5, 2.0, 3.0)
+#: Share of spots that must stay in their cell.
+_OWN = 0.999
+
+
+def _knobs(scene: Scene) -> Sequence[Knob]:
+    lenslets = wavefront_rig(scene).lenslets
+    return (
+        Knob("pitch", "m", "pitch of the lenslets", tuple(lenslets.pitch_m * one for one in _WIDER)),
+        Knob("focal-length", "m", "their focal length", tuple(lenslets.focal_length_m * one for one in _LONGER)),
+    )
+
+
+def _placed(scene: Scene, pitch_m: float, focal_length_m: float) -> dict[str, Any]:
+    """Overrides: as many lenslets of this pitch as cover what the array covers now."""
+    lenslets = wavefront_rig(scene).lenslets
+    across = max(math.floor(lenslets.across * lenslets.pitch_m / pitch_m + 1e-9), 1)
+    return {
+        "rig.lenslets.preset": None, "rig.lenslets.pitch_m": pitch_m, "rig.lenslets.focal_length_m": focal_length_m,
+        "rig.lenslets.across": across,
+    }  # fmt: skip
+
+
+def _seen(scene: Scene, ask: Ask, overrides: dict[str, Any]) -> tuple[float, float]:
+    """(rms bound of the phase [rad], share of spots in their cells)."""
+    from ...generator.generate import generate
+
+    held = load_scene(scene, overrides)
+    capture = generate(held, seed=ask.seed, fidelity=ask.fidelity)
+    sigma = wavefront_bounds(capture)["phase"].sigma
+    own = sigma[~np.isnan(sigma)]
+    lenslets = wavefront_rig(held).lenslets
+    slope = np.asarray(capture["truth_slope"].values, np.float64)
+    moved = np.abs(slope[np.isfinite(slope).all(axis=2)]) * lenslets.focal_length_m
+    share = float((moved <= 0.5 * lenslets.pitch_m).all(axis=1).mean()) if moved.size else 0.0
+    return (float(np.sqrt((own**2).mean())) if own.size else math.inf), share
+
+
+def _options(scene: Scene, ask: Ask) -> tuple[list[Option], Curve]:
+    light = load_scene(scene, axis_overrides(scene, "photons", ask.budget)) if ask.budget != 1.0 else scene
+    lenslets = wavefront_rig(scene).lenslets
+    bound, share = _seen(light, ask, {})
+    own = {"pitch": lenslets.pitch_m, "focal-length": lenslets.focal_length_m}
+    found = [Option("the scene's own", own, {}, bound, share)]
+    for pitch, focal in itertools.product(ask.values["pitch"], ask.values["focal-length"]):
+        overrides = _placed(scene, pitch, focal)
+        settings, name = {"pitch": pitch, "focal-length": focal}, f"pitch {1e6 * pitch:.4g} um, f {1e3 * focal:.4g} mm"
+        try:
+            bound, share = _seen(light, ask, overrides)
+        except InputError as error:
+            found.append(Option(name, settings, overrides, math.inf, 0.0, error.what))
+            continue
+        why = "" if share >= _OWN else "spots leave their cells"
+        found.append(Option(name, settings, overrides, bound, share, why))
+    return found, _curve(found, lenslets.pitch_m)
+
+
+def _curve(found: Sequence[Option], pitch_m: float) -> Curve:
+    """The bound of every focal length at the scene's own pitch, or the nearest one."""
+    pitches = sorted({one.settings["pitch"] for one in found[1:]}, key=lambda one: abs(one - pitch_m))
+    line = sorted(
+        (one.settings["focal-length"], one.bound) for one in found[1:]
+        if one.settings["pitch"] == pitches[0] and math.isfinite(one.bound)
+    )  # fmt: skip
+    x, y = (np.array([pair[k] for pair in line]) for k in (0, 1))
+    return Curve(1e3 * x, y, f"focal length [mm], pitch {1e6 * pitches[0]:.4g} um", "rms bound of the phase [rad]")
+
+
+DESIGNS = Designs(
+    knobs=_knobs, options=_options, quantity="phase", shown=(1.0, "rad"),
+    guard="share of spots within half a pitch of their place: .999 or more",
+)  # fmt: skip
