@@ -174,6 +174,7 @@ generate: --overwrite <flag> default False
 generate: --plan <flag> default False
 generate: --resume <flag> default False
 generate: --rtol <number|{noise}> default None
+generate: --sealed <text> default None
 generate: --seeds <number...> default None
 generate: --set <text...> default None
 generate: --truth-components <flag> default False
@@ -196,6 +197,7 @@ run: --out -o <text> default None
 run: --overwrite <flag> default False
 run: --report --no-report <flag> default True
 run: --resume <flag> default False
+run: --sealed <text> default None
 run: --set <text...> default None
 run: --split <{dev,test}> default 'test'
 run: SUITE <text> required
@@ -217,6 +219,8 @@ score: --failure-at <number> default None
 score: --json <flag> default False
 score: --out -o <text> default None
 score: --overwrite <flag> default False
+score: --sealed <text> default None
+score: --suite <text> default None
 score: DATA <text> required
 score: ESTIMATES <text> required
 sweep: --budget <number> default 16

@@ -28,7 +28,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
     ),
     "captures": (
-        "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "hdf5", "estimates", "example",
+        "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates", "example",
         "export", "contents",
     ),
     "generator": (
@@ -42,7 +42,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
-        "design", "search", "peers", "fidelity", "run", "gate", "checks", "reproduce",
+        "design", "search", "peers", "fidelity", "measure", "run", "gate", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip

@@ -69,10 +69,5 @@ def run(
         overrides=suite_changes(overrides, estimators),
         split=split,
         sealed=None if sealed is None else read_key(sealed),
-        resume=resume,
-        overwrite=overwrite,
-        report=report,
-        cache=cache,
-        progress=progress or silent,
-        command=list(command),
-    )
+        resume=resume, overwrite=overwrite, report=report, cache=cache, progress=progress or silent, command=list(command),
+    )  # fmt: skip

@@ -13,6 +13,8 @@ from ...scenes.json_keys import read_json
 from .sealed import making_again, seal_of
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from ...captures import CaptureSet
     from ...captures.estimates import Estimates
     from ..suites.sealed import Key
@@ -67,12 +69,7 @@ def score_store(
         if again is not None:
             cell, capture, draws = again(index, capture)
             place = {"scene": cell.scene_name, "seed": cell.seed}
-        if capture.attrs.get("truth_kind") == "none":
-            sealed = seal_of(capture.attrs) is not None
-            raise InputError(
-                "The capture holds no truth to score against.", where=f"{data}, capture {index}", value="none",
-                next_step="it is sealed: give the organiser's key with --sealed KEYFILE" if sealed else "",
-            )  # fmt: skip
+        _refuse_untrue(capture, f"{data}, capture {index}")
         truth, bound = truths_of(capture), with_draws(bounds_of(capture), capture, draws)
         for table in tables:
             rows += score_rows(
@@ -88,6 +85,15 @@ def score_store(
                 failure_at=failure_at,
             )
     return rows
+
+
+def _refuse_untrue(capture: xr.Dataset, where: str) -> None:
+    if capture.attrs.get("truth_kind") == "none":
+        sealed = seal_of(capture.attrs) is not None
+        raise InputError(
+            "The capture holds no truth to score against.", where=where, value="none",
+            next_step="it is sealed: give the organiser's key with --sealed KEYFILE" if sealed else "",
+        )  # fmt: skip
 
 
 def _check(tables: list[Estimates], estimates: Path, failure_at: float | None) -> None:

@@ -81,7 +81,6 @@ def write_report(run_dir: str | Path) -> Path:
         stresses=charts.stresses,
         estimators=_legend(ran, order, styles),
         chart_svg=save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg", styles),
-        stills=STILLS,
         stress_svg=static_stresses(charts.groups, styles),
         table=score_table(ran),
         verdict_marks=VERDICT_MARKS,
@@ -96,7 +95,7 @@ def write_report(run_dir: str | Path) -> Path:
         skipped=list(skips_of_cells(cells).items()),
         cached=sum(row["source"] == "cache" for row in costs),
         timed=len(costs),
-        **_record(run),
+        **_record(run) | {"stills": STILLS},
         exports=EXPORTS,
         data=_data(charts.specs(), ran, pictures, order),
     )
