@@ -72,18 +72,11 @@ def score_store(
         _refuse_untrue(capture, f"{data}, capture {index}")
         truth, bound = truths_of(capture), with_draws(bounds_of(capture), capture, draws)
         for table in tables:
+            costs = {name: getattr(table, name)[index] for name in ("cpu_s", "wall_s", "peak_bytes")}
             rows += score_rows(
-                _key(table, captures, index, capture.attrs) | place,
-                table.gives,
-                truth,
-                bound,
-                table.arrays[index],
-                status=table.status[index],
-                cpu_s=table.cpu_s[index],
-                wall_s=table.wall_s[index],
-                peak_bytes=table.peak_bytes[index],
-                failure_at=failure_at,
-            )
+                _key(table, captures, index, capture.attrs) | place, table.gives, truth, bound, table.arrays[index],
+                status=table.status[index], failure_at=failure_at, **costs,
+            )  # fmt: skip
     return rows
 
 

@@ -92,7 +92,7 @@ def cells_of(table: pd.DataFrame) -> list[Cell]:
         "estimator",
         "params",
     ]
-    groups = _Groups(table, table.groupby(keys, sort=False).ngroup().to_numpy())
+    groups = _Groups(table, table.groupby(keys, sort=False).ngroup().to_numpy(np.int64))
     return [_cell(groups, k) for k in range(groups.count)]
 
 
@@ -131,7 +131,8 @@ class _Groups:
         self.texts = {name: self.table[name].to_numpy() for name in (*_TEXTS, "seed")}
 
     def _sum(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.bincount(self.code, np.where(np.isnan(values), 0.0, values), minlength=self.count)
+        summed = np.bincount(self.code, np.where(np.isnan(values), 0.0, values), minlength=self.count)
+        return summed.astype(np.float64)
 
     def _mean(self, values: npt.NDArray[np.float64], weight: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         known = ~np.isnan(values) & (weight > 0)
@@ -180,7 +181,9 @@ def _cell(groups: _Groups, k: int) -> Cell:
             own["seed"].astype(int).tolist(), *(groups.of[name][rows].tolist() for name in ("n", "rmse_full", "cpu_s")),
             strict=True,
         )),
-        **mean, **rms, **median,
+        coverage=mean["coverage"], failure_rate=mean["failure_rate"], bias=mean["bias"], rmse=rms["rmse"],
+        rmse_full=rms["rmse_full"], p95=mean["p95"], bound=rms["bound"], z_rms=rms["z_rms"], cover95=mean["cover95"],
+        cpu_s=median["cpu_s"], cpu_per_element_s=median["cpu_per_element_s"], throughput=median["throughput"],
     )  # fmt: skip
 
 
