@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -300,11 +302,14 @@ def claims_a_full_disk(capture: xr.Dataset) -> Any:
 
 @planted
 def claims_a_broken_cache(capture: xr.Dataset) -> Any:
-    """Raise from a file with the name of Numba's cache, whose failures end a run."""
-    names: dict[str, Any] = {}
-    source = "def load():\n    raise EOFError('Ran out of input')\n"
-    exec(compile(source, "/somewhere/numba/core/caching.py", "exec"), names)
-    return names["load"]()
+    """Let Numba's cache, whose failures end a run, read an index of its own making."""
+    from importlib import import_module
+
+    caching: Any = import_module("numba.core.caching")
+    place = os.environ["TMPDIR"]
+    Path(place, "mine.nbi").write_bytes(b"no index")
+    caching.IndexDataCacheFile(place, "mine", 1).load("any")
+    return answer(capture)
 
 
 @planted

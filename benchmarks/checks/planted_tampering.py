@@ -229,7 +229,7 @@ def writes_pickles(capture: xr.Dataset) -> Any:
             return os._exit, (70,)
 
     def pickled(file: Any, array: Any, **named: Any) -> None:
-        held(file, np.array([Runs()], object), allow_pickle=True)
+        held(file, np.array([Runs()], object))
 
     np.save = pickled  # type: ignore[assignment]
     return answer(capture)

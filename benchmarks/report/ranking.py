@@ -67,7 +67,7 @@ def ranking_section(folder: Path) -> list[dict[str, Any]]:
             "area of profile",
             "detail kept",
         )
-        shown = [(*_row(row, factor), _kept(kept.get((*key[1:], row["estimator"]), []))) for row in rows]
+        shown = [[*_row(row, factor), _kept(kept.get((*key[1:], row["estimator"]), []))] for row in rows]
         sections.append({
             "title": f"{key[0]}, {key[2]}, {key[3]}", "note": note, "head": head, "rows": shown,
         })  # fmt: skip
