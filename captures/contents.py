@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scenes.json_keys import read_json
-from .store.reader import open_captures
+from .store.faces import open_captures
 
 __all__ = ["contents"]
 

@@ -30,7 +30,9 @@ def _at(scene: Mapping[str, Any], path: str) -> Any:
             node = node[key]
         elif isinstance(node, list | tuple) and key.isdigit() and int(key) < len(node):
             node = node[int(key)]
-        elif isinstance(node, list | tuple) and (named := [n for n in node if isinstance(n, Mapping) and n.get("name") == key]):
+        elif isinstance(node, list | tuple) and (
+            named := [n for n in node if isinstance(n, Mapping) and n.get("name") == key]
+        ):
             node = named[0]
         else:
             raise InputError("A split is by a value that a scene does not have.", where="split.by", value=path)

@@ -45,7 +45,9 @@ def load_dataset(source: str | Path | Mapping[str, Any], overrides: Mapping[str,
     if isinstance(source, Mapping):
         data, where, folder = dict(source), "data set", None
     else:
-        path = find_spec_file(str(source), LIBRARY, kind="data set", next_step="docs/data-sets.md   (a complete example)")
+        path = find_spec_file(
+            str(source), LIBRARY, kind="data set", next_step="docs/data-sets.md   (a complete example)"
+        )
         data, where, folder = read_spec_file(path), str(source), path.parent
     if overrides:
         data = apply_overrides(data, overrides)

@@ -95,7 +95,9 @@ class Split(Spec):
             raise ValueError(f"the shares sum to {self.train + self.validation + self.test:g}, not 1")
         for path in self.by:
             if path != "base" and path.split(".")[0] not in ("target", "medium"):
-                raise ValueError(f'a split is by "base", or by paths in target or medium, not by {path!r}: it would leak')
+                raise ValueError(
+                    f'a split is by "base", or by paths in target or medium, not by {path!r}: it would leak'
+                )
         return self
 
 
