@@ -28,21 +28,23 @@ def generate(
     truth_components: bool = False,
     like: str | Path | None = None,
     plan: bool = False,
+    workers: int | None = None,
     out: str | Path | None = None,
     resume: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Generated:
-    """Generate captures with exact truth from a scene or a suite, and store them.
+    """Generate captures with exact truth from a scene, a suite or a data set, and store them.
 
     The captures of a scene, one per seed, go into one store. Those of a suite, its test captures without stress, go into
-    one store per scene, inside the folder `out`.
+    one store per scene, inside the folder `out`. Those of a data set, whose parameters are drawn, go into one store of shards,
+    made by several processes.
 
     Main arguments:
-        source: Name of a scene or a suite, or a .toml or .json file; in Python also a scene as data.
+        source: Name of a scene, a suite or a data set, or a .toml or .json file; in Python also a scene or a data set as data.
         overrides: {path: value}, applied before validation.
     Other arguments:
-        seeds: Seed of a scene's capture, a whole number; 0 by default. A suite has seeds of its own.
+        seeds: Seed of a scene's capture, a whole number; 0 by default. A suite and a data set have seeds of their own.
         fidelity: Rung of the forward model, the suite's or the cheapest by default; auto: the cheapest with an error below `rtol`.
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
@@ -53,18 +55,23 @@ def generate(
             differs. The new captures are stored only if `out` is given. No option may change what is made; only `overrides` may
             say where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in the
             current folder.
-        plan: List the captures without making any.
+        plan: List the captures without making any; of a data set, tell its size, time, shards and parts, by a pilot.
+        workers: Processes that make the captures of a data set; one for each processor by default. The captures are the same
+            for any number.
         out: Where to write; ./beambench-runs/<name>-<time> by default.
-        resume: Continue an unfinished store, and keep complete ones; existing captures must be the requested ones.
+        resume: Continue an unfinished store, and keep complete ones; existing captures must be the requested ones. A data set
+            that asks for more captures grows.
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (an entry per capture), `paths` (stores) and, with `like`, `comparison`, `differing` and `equal`.
+    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`, with `like` `comparison`, `differing` and `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..benchmarks.datasets.items import items_of
+    from ..scenes.datasets.load import is_dataset
+    from ..scenes.errors import InputError
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
@@ -75,8 +82,38 @@ def generate(
         }  # fmt: skip
         return _repeat(like, given, changes, plan, place, overwrite, progress)
     _check_request(source, place, resume, overwrite)
+    if is_dataset(source):
+        given = {"fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons or None,
+                 "truth_components": truth_components or None}  # fmt: skip
+        changes |= {name: value for name, value in given.items() if value is not None}
+        return _data_set(source, changes, seeds, plan, workers, place, resume, overwrite, progress)
+    if workers is not None:
+        raise InputError("Only a data set is made by several workers.", where="--workers", value=workers)
     groups = items_of(source, changes, seeds, fidelity, rtol, truth_electrons, truth_components)
     return _make(str(source), groups, plan, place, resume, overwrite, progress)
+
+
+def _data_set(
+    source: Any, changes: dict[str, Any], seeds: Any, plan: bool, workers: int | None, out: Path | None, resume: bool,
+    overwrite: bool, progress: Progress | None,
+) -> Generated:  # fmt: skip
+    from ..benchmarks.datasets.generate import Generated
+    from ..benchmarks.datasets.large import make_dataset
+    from ..benchmarks.datasets.outline import outline
+    from ..benchmarks.folders.progress import silent
+    from ..scenes.datasets.load import load_dataset
+    from ..scenes.errors import InputError
+
+    if seeds is not None:
+        raise InputError(
+            "A data set has a seed of its own.", where="--seeds", value=seeds, next_step="change it with --set seed=2"
+        )
+    draws = load_dataset(source, changes)
+    place = out or default_out(draws.data.dataset)
+    if plan:
+        return Generated([], outline=outline(draws, place, workers))
+    made = make_dataset(draws, place, workers=workers, resume=resume, overwrite=overwrite, tell=progress or silent)
+    return Generated([], [made.path], made=made)
 
 
 def _make(

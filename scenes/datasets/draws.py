@@ -74,10 +74,7 @@ class Draws:
 
     def drawn(self, number: int, attempt: int = 0) -> Drawn:
         """Draw `number`. Raises InputError where an expression has no value."""
-        data = self.data
-        total = float(self._weights[-1])
-        found = int(np.searchsorted(self._weights, self._quantile("(scene)", number, 0) * total, side="right"))
-        base = data.scenes[min(found, len(data.scenes) - 1)].label
+        data, base = self.data, self.base(number)
         held = {name: one for name, one in data.parameters.items() if not one.scenes or base in one.scenes}
         quantiles = self._together(held, number, attempt)
         values: dict[str, Any] = self._grids(held, number)
@@ -90,6 +87,12 @@ class Draws:
                 values[name] = round(value) if getattr(held[name], "whole", False) else value
         changes = {path: values[name] for name, one in held.items() for path in one.paths}
         return Drawn(number, base, {name: values[name] for name in held}, changes)
+
+    def base(self, number: int) -> str:
+        """Name of the base scene of draw `number`."""
+        total = float(self._weights[-1])
+        found = int(np.searchsorted(self._weights, self._quantile("(scene)", number, 0) * total, side="right"))
+        return self.data.scenes[min(found, len(self._weights) - 1)].label
 
     def scene(self, drawn: Drawn) -> Scene:
         """The scene of a draw. Raises InputError for a scene that is impossible."""
