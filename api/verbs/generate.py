@@ -64,7 +64,8 @@ def generate(
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`, with `like` `comparison`, `differing` and `equal`.
+    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`; with `like` also `comparison`,
+    `differing` and `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.

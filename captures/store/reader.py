@@ -179,6 +179,10 @@ class CaptureSet:
         """Attributes of one capture. Raises CaptureIndexError (an InputError and an IndexError)."""
         return decode_attributes(self._records[self._index(index)], self._texts)
 
+    def number(self, index: SupportsIndex) -> int:
+        """What tells a capture from others of the same scene: its seed, or its number in a data set of one seed."""
+        return int(self.attributes(index).get("seed", self._index(index)))
+
     def load(self, index: SupportsIndex, names: Iterable[str] | None = None) -> xr.Dataset:
         """One capture in memory, without the `capture` dimension.
 

@@ -113,6 +113,10 @@ class ShardedSet(CaptureSet):
         receipt, held = self._held(self._index(index))
         return decode_attributes(held.attrs, receipt.texts)
 
+    def number(self, index: SupportsIndex) -> int:
+        """The number of a capture in its data set, all captures of which have one seed."""
+        return self._held(self._index(index))[1].index
+
     def index(self, index: SupportsIndex) -> dict[str, Any]:
         """What the index tells of one capture: its number in the data set, its part of the split, what was drawn."""
         _, held = self._held(self._index(index))

@@ -79,10 +79,10 @@ class Expression:
                 return self._names(inner)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
                 return self._names(left) + self._names(right)
-            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _COMPARED:
-                return self._names(left) + self._names(right)
-            case ast.IfExp(test=ast.Compare() as test, body=body, orelse=other):
-                return self._names(test) + self._names(body) + self._names(other)
+            case ast.IfExp(test=ast.Compare(left=left, ops=[op], comparators=[right]), body=body, orelse=other) if (
+                type(op) in _COMPARED
+            ):
+                return [name for one in (left, right, body, other) for name in self._names(one)]
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS and args:
                 return [found for one in args for found in self._names(one)]
         raise self._refused(
