@@ -36,14 +36,14 @@ ALL_KINDS: dict[str, Any] = {
     "dataset": "all-kinds",
     "captures": 15,
     "seed": 5,
-    "fidelity": "auto",
+    "fidelity": "direct",
     "rtol": 0.1,
     "scenes": [
         {"scene": "tilted-wall", "overrides": _GATED},
         {"scene": "photodetector-5m", "overrides": {"rig.record.shots": 3, "rig.record.samples": 128}},
         {"scene": "amcw", "overrides": {"rig.shots": 4}},
         {"scene": "line-step", "overrides": {"rig.camera.rows": 24, "rig.camera.cols": 192, "rig.frames.lit": 1}},
-        {"scene": "gated-turbulence", "overrides": _SENSOR},
+        {"scene": "gated-turbulence", "overrides": _SENSOR, "fidelity": "geometric"},
     ],
     "parameters": {"turn": {"kind": "uniform", "low": 0.9, "high": 1.0}},
 }

@@ -45,7 +45,7 @@ class Maker:
             self._drawn = (number, *self.draws.possible(number))
         _, drawn, scene = self._drawn
         capture = self._workshop.make(
-            scene, seed=data.seed, capture_key=index, fidelity=data.fidelity, rtol=data.rtol,
+            scene, seed=data.seed, capture_key=index, fidelity=self.draws.fidelity(drawn.base), rtol=data.rtol,
             truth_electrons=data.truth_electrons, truth_components=data.truth_components,
         )  # fmt: skip
         facts = {
@@ -102,7 +102,15 @@ class _Worker:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 capture, _ = self._maker.capture(index)
-            structure = structure_of(capture)
+            found = structure_of(capture)
+            if structure and found != structure:
+                other = next(n for n in {**structure, **found} if structure.get(n) != found.get(n))
+                raise InputError(
+                    "The captures of one modality in a data set have one layout.", where=f"capture {index}: {other}",
+                    value=found.get(other), allowed=str(structure.get(other)),
+                    next_step="make a data set for each size, or set the sizes in `overrides` of the base scenes",
+                )  # fmt: skip
+            structure = found
             arrays = {name: capture.variables[name].values for name in structure}
             stored.append(sum(len(encode_block(arrays[n][b])) for n, e in structure.items() for b in blocks_of(e)))
             times.append(time.process_time() - began)

@@ -19,7 +19,7 @@ from ..scene import Scene
 from .content import scene_content
 from .distributions import Expressed, Grid
 from .expressions import Expression
-from .spec import PARTS, Dataset, order_of
+from .spec import PARTS, Dataset, Rung, order_of
 
 __all__ = ["Drawn", "Draws"]
 
@@ -93,6 +93,11 @@ class Draws:
         total = float(self._weights[-1])
         found = int(np.searchsorted(self._weights, self._quantile("(scene)", number, 0) * total, side="right"))
         return self.data.scenes[min(found, len(self._weights) - 1)].label
+
+    def fidelity(self, base: str) -> Rung:
+        """The rung of a base scene."""
+        own = next(one.fidelity for one in self.data.scenes if one.label == base)
+        return own or self.data.fidelity
 
     def scene(self, drawn: Drawn) -> Scene:
         """The scene of a draw. Raises InputError for a scene that is impossible."""

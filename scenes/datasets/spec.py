@@ -12,7 +12,7 @@ from ..base import Fraction, Positive, Spec
 from .distributions import Distribution, Expressed
 from .expressions import FUNCTIONS, Expression
 
-__all__ = ["LIBRARY", "PARTS", "Correlated", "Dataset", "SceneChoice", "Split", "list_datasets", "order_of"]
+__all__ = ["LIBRARY", "PARTS", "Correlated", "Dataset", "Rung", "SceneChoice", "Split", "list_datasets", "order_of"]
 
 #: Folder of the data sets that ship with the project.
 LIBRARY = Path(__file__).parent / "library"
@@ -32,6 +32,7 @@ class SceneChoice(Spec):
     Other arguments:
         name: what parameters and the index call it; the scene's own name by default.
         weight: how often it is taken, relative to the others. overrides: {path: value}, applied before anything is drawn.
+        fidelity: its own rung; that of the data set by default.
     """
 
     example: ClassVar[str] = "docs/data-sets.md   (a complete example)"
@@ -40,6 +41,11 @@ class SceneChoice(Spec):
     name: str = ""
     weight: Positive = 1.0
     overrides: dict[str, Any] = Field(default_factory=dict)
+    fidelity: Rung | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in handler(self).items() if name != "fidelity" or value is not None}
 
     @property
     def label(self) -> str:
