@@ -34,8 +34,8 @@ TINY: dict[str, Any] = {
 ALL_KINDS: dict[str, Any] = {
     "schema_version": 1,
     "dataset": "all-kinds",
-    "captures": 15,
-    "seed": 5,
+    "captures": 10,
+    "seed": 7,
     "fidelity": "direct",
     "rtol": 0.1,
     "scenes": [

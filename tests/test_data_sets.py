@@ -163,7 +163,7 @@ def test_a_store_grows(store: Path, tmp_path: Path) -> None:
 def test_every_modality(tmp_path: Path) -> None:
     """A group for each; captures are those of `generate` at the same arguments."""
     result = made(tmp_path / "out", source=ALL_KINDS)
-    assert result.count == 15
+    assert result.count == 10
     assert verify(tmp_path / "out") == []
     draws = load_dataset(ALL_KINDS)
     names = sorted(path.name for path in (tmp_path / "out").iterdir() if (path / "zarr.json").is_file())
@@ -173,8 +173,8 @@ def test_every_modality(tmp_path: Path) -> None:
         index = captures.number(0)
         drawn, scene = draws.possible(index)
         rung = draws.fidelity(drawn.base)
-        assert captures[0].identical(generate(scene, seed=5, capture_key=index, fidelity=rung, rtol=0.1)), name
-    assert beambench.data_status(tmp_path / "out")["count"] == 15
+        assert captures[0].identical(generate(scene, seed=7, capture_key=index, fidelity=rung, rtol=0.1)), name
+    assert beambench.data_status(tmp_path / "out")["count"] == 10
 
 
 def test_an_impossible_scene_is_named_and_the_rest_kept(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_the_plan_and_the_verbs(store: Path, tmp_path: Path) -> None:
 def test_estimates_are_scored_by_capture(store: Path, tmp_path: Path) -> None:
     folder = beambench.estimate(store, ["peak"], out=tmp_path / "estimates")
     table = beambench.score(store, folder, out=tmp_path / "scores")
-    assert sorted(table["seed"]) == list(range(40))
+    assert set(table["seed"]) == set(range(40))
     assert (table["status"] == "ok").all()
 
 

@@ -332,9 +332,10 @@ def _time_text(seconds: float) -> str:
 
 
 def _incomplete(lost: list[Task], partial: Path) -> InputError:
-    more = f"\n           and {len(lost) - 8} more" if len(lost) > 8 else ""
+    told = [f"{one.name}: {one.lost}".replace("\n", "\n    ") for one in lost[:8]]
+    more = [f"and {len(lost) - 8} more"] if len(lost) > 8 else []
     return InputError(
-        f"{len(lost)} shards of the data set could not be made; all others are complete.", where=str(partial),
-        value="\n           ".join(f"{one.name}: {one.lost}" for one in lost[:8])[:4000] + more,
+        "\n".join([f"{len(lost)} shards of the data set could not be made; all others are complete.", *told, *more]),
+        where=str(partial),
         next_step=f"mend the cause, then --resume; `beambench data finalize {partial}` keeps the others",
-    )  # fmt: skip
+    )

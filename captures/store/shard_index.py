@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from .shard_receipts import Held, Receipt
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["index_content", "index_rows"]
+__all__ = ["index_content", "index_rows", "read_index"]
 
 #: Columns that every row has, with their types; what was drawn follows, as `p.<name>`.
 _COLUMNS = {
@@ -77,8 +77,8 @@ def _as(value: Any, kind: str) -> Any:
     return int(value) if number else None
 
 
-def read_index(path: Path) -> pa.Table:
-    """The table of a finished store. Raises OSError, pyarrow.ArrowInvalid."""
+def read_index(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """The table of a finished store, or some of its columns. Raises OSError, pyarrow.ArrowException."""
     import pyarrow.parquet as pq
 
-    return pq.read_table(path)
+    return pq.read_table(path, columns=None if columns is None else list(columns))

@@ -6,7 +6,7 @@ import hashlib
 import os
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex
@@ -17,13 +17,15 @@ from ...scenes.errors import InputError
 from ..validate import validate
 from .arrays import decode_attributes
 from .layout import size_problem
-from .manifest import check_metadata_files, regular_size, safe_join
+from .manifest import check_metadata_files, regular_size, safe_join, sha256_file
 from .reader import CaptureSet
 from .shard_chunks import blocks_of, decode_block, shard_key
+from .shard_index import read_index
 from .shard_manifest import INDEX, Group, ShardedManifest, load_sharded
 from .shard_receipts import COPY, Held, Receipt, read_receipt, receipt_name
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     import xarray as xr
     import zarr
 
@@ -96,6 +98,23 @@ class ShardedSet(CaptureSet):
         if self._arrays is None:
             self._arrays = open_arrays(self.path / self._group.name, self._group.structure, "r")
         return self._arrays
+
+    @property
+    def group(self) -> str:
+        """Name of the group in the data set."""
+        return self._group.name
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The index of the whole data set, or some columns of it. Raises InputError where it is damaged."""
+        import pyarrow as pa
+
+        path = self.path / INDEX
+        try:
+            if sha256_file(path) != self._manifest.metadata.get(INDEX):
+                raise ValueError("sha256 does not match")
+            return read_index(path, columns)
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise self._damage(INDEX, str(error)) from error
 
     @property
     def shard_starts(self) -> list[int]:
