@@ -105,9 +105,9 @@ class CaptureStream:
         buffer: captures that are held to be shuffled; 1: in the order of the store.
         rank, world: which of how many processes of a training this is. Workers of a `DataLoader` are told apart beside that.
 
-    Each process and each of its workers reads shards of its own. `state()` is the position, and `load_state(…)` goes on from it: with
-    the same `rank`, `world` and `num_workers` what follows is what would have followed. A `DataLoader` with workers reads copies, so
-    that state is each worker's own, and `set_epoch` must be called before each epoch.
+    Each process and each of its workers reads shards of its own. `state()` is the position, and `load_state(…)` goes on from it:
+    with the same `rank`, `world` and `num_workers` what follows is what would have followed. A `DataLoader` with workers reads
+    copies, so that state is each worker's own, and `set_epoch` must be called before each epoch.
     """
 
     def __init__(

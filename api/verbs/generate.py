@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -36,9 +37,8 @@ def generate(
 ) -> Generated:
     """Generate captures with exact truth from a scene, a suite or a data set, and store them.
 
-    The captures of a scene, one per seed, go into one store. Those of a suite, its test captures without stress, go into
-    one store per scene, inside the folder `out`. Those of a data set, whose parameters are drawn, go into one store of shards,
-    made by several processes.
+    The captures of a scene, one per seed, go into one store; those of a data set, whose parameters are drawn, too. Those of a
+    suite, its test captures without stress, go into one store per scene, inside the folder `out`.
 
     Main arguments:
         source: Name of a scene, a suite or a data set, or a .toml or .json file; in Python also a scene or a data set as data.
@@ -56,48 +56,60 @@ def generate(
             say where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in the
             current folder.
         plan: List the captures without making any; of a data set, tell its size, time, shards and parts, by a pilot.
-        workers: Processes that make the captures of a data set; one for each processor by default. The captures are the same
-            for any number.
+        workers: Processes that make a data set; one for each processor by default. Captures are the same for any number.
         out: Where to write; ./beambench-runs/<name>-<time> by default.
-        resume: Continue an unfinished store, and keep complete ones; existing captures must be the requested ones. A data set
-            that asks for more captures grows.
+        resume: Continue an unfinished store, keep complete ones, let a data set grow; existing captures must be the requested ones.
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`; with `like` also `comparison`,
+    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`; with `like` `comparison`,
     `differing` and `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
-    from ..benchmarks.datasets.items import items_of
-    from ..scenes.datasets.load import is_dataset
-    from ..scenes.errors import InputError
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
+    given = {
+        "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
+        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
+    }  # fmt: skip
     if like is not None:
-        given = {
-            "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,
-            "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
-        }  # fmt: skip
         return _repeat(like, given, changes, plan, place, overwrite, progress)
     _check_request(source, place, resume, overwrite)
+    return _made_of(source, changes, given, _How(plan, workers, place, resume, overwrite, progress))
+
+
+@dataclass(frozen=True)
+class _How:
+    """Where and how captures are made: arguments of `generate`."""
+
+    plan: bool
+    workers: int | None
+    out: Path | None
+    resume: bool
+    overwrite: bool
+    progress: Progress | None
+
+
+def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _How) -> Generated:
+    from ..benchmarks.datasets.items import items_of
+    from ..scenes.datasets.load import is_dataset
+    from ..scenes.errors import InputError
+
+    names = ("fidelity", "rtol", "truth_electrons", "truth_components")
+    asked = {name: given["--" + name.replace("_", "-")] for name in names}
     if is_dataset(source):
-        given = {"fidelity": fidelity, "rtol": rtol, "truth_electrons": truth_electrons or None,
-                 "truth_components": truth_components or None}  # fmt: skip
-        changes |= {name: value for name, value in given.items() if value is not None}
-        return _data_set(source, changes, seeds, plan, workers, place, resume, overwrite, progress)
-    if workers is not None:
-        raise InputError("Only a data set is made by several workers.", where="--workers", value=workers)
-    groups = items_of(source, changes, seeds, fidelity, rtol, truth_electrons, truth_components)
-    return _make(str(source), groups, plan, place, resume, overwrite, progress)
+        own = {name: value for name, value in asked.items() if value is not None and value is not False}
+        return _data_set(source, changes | own, given["--seeds"], how)
+    if how.workers is not None:
+        raise InputError("Only a data set is made by several workers.", where="--workers", value=how.workers)
+    groups = items_of(source, changes, given["--seeds"], *asked.values())
+    return _make(str(source), groups, how.plan, how.out, how.resume, how.overwrite, how.progress)
 
 
-def _data_set(
-    source: Any, changes: dict[str, Any], seeds: Any, plan: bool, workers: int | None, out: Path | None, resume: bool,
-    overwrite: bool, progress: Progress | None,
-) -> Generated:  # fmt: skip
+def _data_set(source: Any, changes: dict[str, Any], seeds: Any, how: _How) -> Generated:
     from ..benchmarks.datasets.generate import Generated
     from ..benchmarks.datasets.large import make_dataset
     from ..benchmarks.datasets.outline import outline
@@ -110,10 +122,12 @@ def _data_set(
             "A data set has a seed of its own.", where="--seeds", value=seeds, next_step="change it with --set seed=2"
         )
     draws = load_dataset(source, changes)
-    place = out or default_out(draws.data.dataset)
-    if plan:
-        return Generated([], outline=outline(draws, place, workers))
-    made = make_dataset(draws, place, workers=workers, resume=resume, overwrite=overwrite, tell=progress or silent)
+    place = how.out or default_out(draws.data.dataset)
+    if how.plan:
+        return Generated([], outline=outline(draws, place, how.workers))
+    made = make_dataset(
+        draws, place, workers=how.workers, resume=how.resume, overwrite=how.overwrite, tell=how.progress or silent
+    )
     return Generated([], [made.path], made=made)
 
 

@@ -118,6 +118,7 @@ class Dataset(Spec):
         repeats: captures of each drawn scene, which differ in their noise alone.
         redraws: how often an impossible scene (a camera inside a solid) is drawn again; 0: it is an error.
         truth_electrons, truth_components: as those of `generate`.
+        per_shard: captures of a shard; by default about 64 MiB of them, but no more than two files a capture.
         title, licence: for people.
     """
 
@@ -137,13 +138,14 @@ class Dataset(Spec):
     truth_electrons: bool = False
     truth_components: bool = False
     redraws: Annotated[int, Field(ge=0, le=1000)] = 0
+    per_shard: Annotated[int, Field(ge=1, le=4096)] | None = None
     parameters: dict[str, Distribution] = Field(default_factory=dict)
     correlated: tuple[Correlated, ...] = ()
     split: Split | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in handler(self).items() if name != "split" or value is not None}
+        return {k: v for k, v in handler(self).items() if k not in ("split", "per_shard") or v is not None}
 
     @model_validator(mode="after")
     def _consistent(self) -> Dataset:
