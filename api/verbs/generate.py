@@ -52,9 +52,8 @@ def generate(
         truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered
             repeatedly (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
-            differs. The new captures are stored only if `out` is given. No option may change what is made; only `overrides` may
-            say where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in the
-            current folder.
+            differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
+            where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in this folder.
         plan: List the captures without making any; of a data set, tell its size, time, shards and parts, by a pilot.
         workers: Processes that make a data set; one for each processor by default. Captures are the same for any number.
         out: Where to write; ./beambench-runs/<name>-<time> by default.

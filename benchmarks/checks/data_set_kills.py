@@ -2,10 +2,10 @@
 
     python -m beambench.benchmarks.checks.data_set_kills --rounds 20 --shards 300
 
-A data set of many shards is made once undisturbed, and once more in rounds: each is started with --resume and killed after a random
-time, the command itself or, every third time, one worker (which is replaced). It is finished by a last --resume. A round holds if what
-has a receipt after the kill is sound; the campaign, if all captures are there, `verify` finds nothing, and the id of the content,
-the manifest and every other file are those of the undisturbed store.
+A data set of many shards is made once undisturbed, and once more in rounds: each is started with --resume and killed after a
+random time, the command itself or, every third time, one worker first (which is replaced). A last --resume finishes it. A round
+holds if what has a receipt after the kill is sound; the campaign, if all captures are there, `verify` finds nothing, and every file
+of the store is that of the undisturbed one.
 """
 
 from __future__ import annotations
