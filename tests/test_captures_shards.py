@@ -318,3 +318,21 @@ def test_reading_names_what_does_not_exist(store: Path) -> None:
         captures[7]
     assert captures[-1].identical(captures[6])
     assert list(captures.load(0, ["truth_range"]).variables) == ["truth_range"]
+
+
+def test_shards_are_not_taken_for_an_empty_store(tmp_path: Path) -> None:
+    """A store of the other kind is not begun in the place of an unfinished data set, but with `overwrite`."""
+    from beambench.captures import write
+    from beambench.captures.store.status import status
+
+    begun(tmp_path / "s.partial", 4)
+    filled(tmp_path / "s.partial", MODALITY, captures_of(MODALITY, 4), leave_out=[1])
+    assert (status(tmp_path / "s").state, status(tmp_path / "s").count) == ("unfinished", 3)
+    for resume in (False, True):
+        with pytest.raises(InputError, match="in the way"):
+            write(tmp_path / "s", captures_of(MODALITY, 2), resume=resume)
+    assert finalize(tmp_path / "s").kept == 3
+    assert (status(tmp_path / "s").state, status(tmp_path / "s").count) == ("complete", 3)
+    write(tmp_path / "s", captures_of(MODALITY, 2), overwrite=True)
+    assert len(open_captures(tmp_path / "s")) == 2
+    assert not (tmp_path / "s" / "receipts").exists()

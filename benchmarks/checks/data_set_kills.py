@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -28,8 +29,8 @@ from .attempts import Attempts, print_attempts
 
 __all__ = ["data_set_kills", "main"]
 
-#: Captures of a shard, and the times after which a round is killed, s after its first word.
-_PER_SHARD, _FIRST_S, _LAST_S = 4, 0.0, 6.0
+#: Captures of a shard; a round is killed within this share of an undisturbed run's time after its first word.
+_PER_SHARD, _SHARE = 4, 1 / 6
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,15 +52,28 @@ def data_set_kills(rounds: int, shards: int, workers: int = 1, seed: int = 1) ->
         base = Path(place)
         file = base / "set.json"
         file.write_text(json.dumps(_data_set(shards)))
+        began = time.monotonic()
         _run(file, base / "whole", workers)
-        for number in range(rounds):
-            how = _round(file, base / "broken", workers, float(rng.uniform(_FIRST_S, _LAST_S)), number % 3 == 2, rng)
+        longest = _SHARE * (time.monotonic() - began)
+        while part.tries < rounds:
+            if (base / "broken").exists():  # complete before all rounds were made: compared, and begun again
+                _compare(part, base, shards)
+                shutil.rmtree(base / "broken")
+            number = part.tries
+            how = _round(file, base / "broken", workers, float(rng.uniform(0.0, longest)), number % 3 == 2, rng)
             problem = _damage(base / "broken")
-            part.failed(f"round {number}: {problem}") if problem else part.held(how)
+            if problem:
+                part.failed(f"round {number}: {problem}")
+            elif how:
+                part.held(how)
         _run(file, base / "broken", workers)
-        problem = _differs(base / "whole", base / "broken", shards * _PER_SHARD)
-        part.failed(problem) if problem else part.held("finished")
+        _compare(part, base, shards)
     return part
+
+
+def _compare(part: Attempts, base: Path, shards: int) -> None:
+    problem = _differs(base / "whole", base / "broken", shards * _PER_SHARD)
+    part.failed(problem) if problem else part.held("finished")
 
 
 def _data_set(shards: int) -> dict[str, Any]:
@@ -84,7 +98,7 @@ def _run(file: Path, out: Path, workers: int) -> None:
 
 
 def _round(file: Path, out: Path, workers: int, after_s: float, of_worker: bool, rng: np.random.Generator) -> str:
-    """Start or continue the data set and kill it, or one of its workers; a command whose worker was killed is killed later."""
+    """Start or continue the data set and kill it; a worker first, where asked. Returns what was killed, "" where it ended before."""
     with subprocess.Popen(_words(file, out, workers), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         process.stderr.readline()  # its first word: workers are at work
@@ -95,8 +109,10 @@ def _round(file: Path, out: Path, workers: int, after_s: float, of_worker: bool,
         process.send_signal(signal.SIGKILL)
         process.stderr.close()
         process.wait()
+    if process.returncode == 0:
+        return ""  # it was finished before
     if process.returncode != -signal.SIGKILL:
-        return "ended before"
+        raise RuntimeError(f"exit {process.returncode}")
     return "a worker, then the command" if killed else "the command"
 
 
