@@ -98,7 +98,7 @@ def _run(file: Path, out: Path, workers: int) -> None:
 
 
 def _round(file: Path, out: Path, workers: int, after_s: float, of_worker: bool, rng: np.random.Generator) -> str:
-    """Start or continue the data set and kill it; a worker first, where asked. Returns what was killed, "" where it ended before."""
+    """Start or continue the data set and kill it; a worker first, where asked. Returns what was killed, or ""."""
     with subprocess.Popen(_words(file, out, workers), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         process.stderr.readline()  # its first word: workers are at work
