@@ -196,7 +196,8 @@ def _buffered(places: NDArray[np.int64], size: int, rng: np.random.Generator) ->
     """
     if size == 1:
         return places
-    held, given = list(places[:size]), []
+    held = list(places[:size])
+    given: list[Any] = []
     for place in places[size:]:
         number = int(rng.integers(len(held)))
         given.append(held[number])

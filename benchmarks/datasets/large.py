@@ -195,6 +195,7 @@ def _drop_damaged(partial: Path) -> int:
     from ...captures.store.shard_receipts import (
         COPY,
         RECEIPTS,
+        Receipt,
         list_receipts,
         read_either,
         receipt_name,
@@ -204,18 +205,17 @@ def _drop_damaged(partial: Path) -> int:
 
     dropped = 0
     for place in list_receipts(partial):
-        try:
-            receipt = read_either(partial, *place)
-            damage = shard_damage(partial, receipt)
-        except InputError:
-            receipt, damage = None, []
+        receipt: Receipt | None = None
+        with suppress(InputError):
+            found = read_either(partial, *place)
+            receipt = None if shard_damage(partial, found) else found
         names = [receipt_name(*place), receipt_name(*place) + COPY]
-        if receipt is None or damage:
+        if receipt is None:
             dropped += 1
             for name in names:
                 (partial / RECEIPTS / name).unlink(missing_ok=True)
         elif any(
-            not (partial / RECEIPTS / n).is_file() or (partial / RECEIPTS / n).read_bytes() != receipt.bytes()
+            not (partial / RECEIPTS / n).is_file() or (partial / RECEIPTS / n).read_bytes() != receipt.raw
             for n in names
         ):
             write_receipt(partial, receipt)

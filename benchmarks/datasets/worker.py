@@ -96,7 +96,10 @@ class _Worker:
         from ...captures.store.arrays import structure_of
         from ...captures.store.shard_chunks import blocks_of, encode_block
 
-        stored, times, told, structure = [], [], [], {}
+        stored: list[int] = []
+        times: list[float] = []
+        told: list[str] = []
+        structure: dict[str, Any] = {}
         for index in task["rows"]:
             began = time.process_time()
             with warnings.catch_warnings(record=True) as caught:

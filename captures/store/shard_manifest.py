@@ -125,7 +125,7 @@ def sharded_manifest(
         groups[one.group] = Group(
             one.group, one.modality, one.structure, one.length, max(rows, known.rows if known else 0)
         )
-        shards[one.group, one.shard] = listed(one, one.bytes())
+        shards[one.group, one.shard] = listed(one, one.content_bytes())
     files = sharded_metadata(groups)
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in {**files, **others}.items()}
     return ShardedManifest(groups, dict(sorted(shards.items())), sums, facts=dict(facts)), files

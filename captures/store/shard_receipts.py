@@ -11,7 +11,7 @@ import json
 import re
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,9 @@ class Held:
 
 @dataclass(frozen=True)
 class Receipt:
-    """What a shard holds. `length`: captures of a whole shard; `texts`: long attributes by their sha256."""
+    """What a shard holds. `length`: captures of a whole shard; `texts`: long attributes by their sha256; `raw`: the bytes of the file
+    that it was read from: another version of zlib may write others.
+    """
 
     group: str
     shard: int
@@ -73,14 +75,17 @@ class Receipt:
     captures: list[Held]
     texts: dict[str, str]
     job: str = ""
+    raw: bytes = field(default=b"", compare=False, repr=False)
 
     @property
     def content(self) -> str:
         """The id of the captures of this shard, in their order."""
         return hashlib.sha256("\n".join(f"{one.index} {one.content}" for one in self.captures).encode()).hexdigest()
 
-    def bytes(self) -> bytes:
+    def content_bytes(self) -> bytes:
         """The receipt as it is stored."""
+        if self.raw:
+            return self.raw
         body = {
             "format": FORMAT, "store_version": SHARDED_VERSION, "group": self.group, "shard": self.shard,
             "modality": self.modality, "structure": self.structure, "length": self.length, "job": self.job,
@@ -125,7 +130,7 @@ def list_receipts(root: Path) -> list[tuple[str, int]]:
 
 def write_receipt(root: Path, receipt: Receipt) -> bytes:
     """Write a receipt and its copy, forced to disk with their folder, and return its bytes. Raises OSError."""
-    content = receipt.bytes()
+    content = receipt.content_bytes()
     name = receipt_name(receipt.group, receipt.shard)
     # The copy first: a receipt without a copy is never there, but for damage.
     write_file(root / RECEIPTS / (name + COPY), content)
@@ -152,7 +157,7 @@ def read_receipt(root: Path, group: str, shard: int, *, copy: bool = False, dige
         content = path.read_bytes()
         if digest and hashlib.sha256(content).hexdigest() != digest:
             raise ValueError("its sha256 does not match")
-        return _checked(_unpacked(content), group, shard)
+        return replace(_checked(_unpacked(content), group, shard), raw=content)
     except (OSError, KeyError, TypeError, AttributeError, ValueError, zlib.error) as error:
         if isinstance(error, InputError):
             raise

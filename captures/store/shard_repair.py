@@ -161,7 +161,8 @@ class _Shard:
         receipt = self._receipt
         if self.dropped:
             lost = {number - self._first for number in self.dropped}
-            receipt = replace(receipt, captures=[h for place, h in enumerate(receipt.captures) if place not in lost])
+            left = [held for place, held in enumerate(receipt.captures) if place not in lost]
+            receipt = replace(receipt, captures=left, raw=b"")
             if not receipt.captures:
                 self._remove(receipt)
                 return

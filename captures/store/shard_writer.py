@@ -136,7 +136,8 @@ class ShardWriter:
         return self._root / self._group / name / shard_key(self._shard, structure[name])
 
     def _chunks(self, name: str, values: np.ndarray[Any, Any], entry: dict[str, Any]) -> list[Chunk]:
-        file, found = self._files[name], []
+        file = self._files[name]
+        found: list[Chunk] = []
         for block in blocks_of(entry):
             content = encode_block(values[block])
             found.append((file.tell(), len(content), hashlib.sha256(content).hexdigest()))

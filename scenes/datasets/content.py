@@ -39,14 +39,14 @@ def _at(scene: Mapping[str, Any], path: str) -> Any:
     return node
 
 
-def _plain(node: Any, top: bool = True) -> Any:
+def _plain(node: Any) -> Any:
     if isinstance(node, Mapping):
-        kept = {key: _plain(value, False) for key, value in node.items() if key not in ("name", "title")}
+        kept = {key: _plain(value) for key, value in node.items() if key not in ("name", "title")}
         if isinstance(node.get("file"), str):
             kept["file"] = _file_sum(node["file"])
         return kept
     if isinstance(node, list | tuple):
-        return [_plain(value, False) for value in node]
+        return [_plain(value) for value in node]
     if isinstance(node, int | float) and not isinstance(node, bool):
         return float(node)
     return node

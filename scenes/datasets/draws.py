@@ -184,7 +184,8 @@ class Draws:
     def _grids(self, held: Mapping[str, Any], number: int) -> dict[str, Any]:
         """The combination of the grids that is this number's turn."""
         grids = {name: one.values for name, one in held.items() if isinstance(one, Grid)}
-        left, found = number % math.prod(map(len, grids.values())), {}
+        left = number % math.prod(map(len, grids.values()))
+        found: dict[str, Any] = {}
         for name, values in reversed(grids.items()):
             left, place = divmod(left, len(values))
             found[name] = copy.deepcopy(values[place])
