@@ -63,8 +63,13 @@ class Held:
 
 @dataclass(frozen=True)
 class Receipt:
-    """What a shard holds. `length`: captures of a whole shard; `texts`: long attributes by their sha256; `raw`: the bytes of the file
-    that it was read from: another version of zlib may write others.
+    """What a shard holds.
+
+    Main arguments:
+        group, shard, modality, structure: its place and its layout. length: captures of a whole shard.
+        captures, texts: what it holds, and long attributes by their sha256. job: what identifies the request.
+    Other arguments:
+        raw: the bytes of the file that it was read from: another version of zlib may write others.
     """
 
     group: str
