@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from .compare import Comparison, compare_captures, compare_stores
     from .hide import hide_truth
     from .layouts.schema import SCHEMA_VERSION
-    from .store.reader import CaptureIndexError, CaptureSet, open_captures
-    from .store.recovery import Recovery, finalize, repair
-    from .store.verification import Damage, verify
+    from .store.faces import finalize, open_captures, repair, verify
+    from .store.reader import CaptureIndexError, CaptureSet
+    from .store.recovery import Recovery
+    from .store.verification import Damage
     from .store.writer import CaptureWriter, write
 
 __all__ = [
@@ -55,12 +56,12 @@ _HOME = {
     "Recovery": "store.recovery",
     "compare_captures": "compare",
     "compare_stores": "compare",
-    "finalize": "store.recovery",
+    "finalize": "store.faces",
     "hide_truth": "hide",
     "make_capture": "build",
-    "open_captures": "store.reader",
-    "repair": "store.recovery",
-    "verify": "store.verification",
+    "open_captures": "store.faces",
+    "repair": "store.faces",
+    "verify": "store.faces",
     "write": "store.writer",
 }
 

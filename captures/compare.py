@@ -89,7 +89,7 @@ def compare_stores(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> list
     Raises InputError if a store cannot be read, or if the stores hold different numbers of captures.
     """
     from ..scenes.errors import InputError
-    from .store.reader import open_captures
+    from .store.faces import open_captures
 
     first, second = open_captures(a), open_captures(b)
     if len(first) != len(second):

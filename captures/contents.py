@@ -7,17 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from ..scenes.json_keys import read_json
-from .store.reader import open_captures
+from .store.faces import open_captures, sharded_place
+from .store.shard_status import sharded_contents
 
 __all__ = ["contents"]
 
 
 def contents(path: Path) -> dict[str, Any]:
-    """Modality, number of captures, sizes and bytes of a store, and scene, seed, kind of truth and rung of each capture.
+    """Modality, number of captures, sizes and bytes of a store, and scene, seed, kind of truth and rung of each capture; of a data
+    set, finished or not, its groups and shards instead of single captures (`store.shard_status`).
 
     Raises:
         InputError: the path is not a store with intact metadata.
     """
+    unfinished = path.with_name(path.name + ".partial")
+    place = sharded_place(unfinished if not path.exists() else path)
+    if place is not None:
+        return sharded_contents(place[0])
     captures = open_captures(path)
     rows = [_row(index, captures.attributes(index)) for index in range(len(captures))]
     return {

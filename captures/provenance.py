@@ -76,7 +76,9 @@ def cpu() -> dict[str, Any]:
     }
 
 
+@cache
 def _version(name: str) -> str:
+    # Cached: to look it up in a package's metadata takes 2 ms, and a loaded package does not change.
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:

@@ -29,9 +29,14 @@ def captured(
     expected: Expected[Any],
     effects: list[Effect],
     request: Request,
+    declared: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """The capture, with the rig as declared, the true scene, and all that is needed to repeat it."""
-    declared = declared_rig(scene)
+    """The capture, with the rig as declared, the true scene, and all that is needed to repeat it.
+
+    Other arguments:
+        declared: the rig as declared, where it is known already.
+    """
+    declared = declared_rig(scene) if declared is None else declared
     coords = dict(expected.coords)
     if model.clock:
         coords[model.clock] = coords[model.clock] + declared["t0_s"]

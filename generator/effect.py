@@ -56,7 +56,7 @@ def no_light(scene: Scene, sample: str, window: str) -> str:
 
 
 def warn(scene: Scene, sentences: Sequence[str], effects: Sequence[Effect], rung: str) -> None:
-    """Warn the caller's caller of `sentences`, and of effects that the rung leaves out and that are not small."""
+    """Warn whoever called `generate` of `sentences`, and of effects that the rung leaves out and that are not small."""
     missing = [
         f"{scene.name}: {line['name']} is left out by the rung '{rung}' and is predicted to change the signal by "
         f"{line['predicted_relative_size']:.0%}."
@@ -64,4 +64,4 @@ def warn(scene: Scene, sentences: Sequence[str], effects: Sequence[Effect], rung
         if not line["modelled"] and (line["predicted_relative_size"] or 0.0) > _WORTH_A_WARNING
     ]
     for sentence in [*sentences, *missing]:
-        warnings.warn(sentence, GenerationWarning, stacklevel=3)
+        warnings.warn(sentence, GenerationWarning, stacklevel=4)

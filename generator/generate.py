@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..scenes.forks import refuse_forked
 from ..scenes.scene import Scene
 from .captured import captured
 from .checked import checked
-from .choice import Rtol
-from .effect import GenerationWarning, sized, warn
+from .choice import Choice, Rtol
+from .effect import Effect, GenerationWarning, sized, warn
+from .model import Expected
 from .models import first_rung, model_of
-from .request import Fidelity
+from .request import Fidelity, Request
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from .rays.trace import Tracer
 
-__all__ = ["GenerationWarning", "capture_key_of", "generate"]
+__all__ = ["GenerationWarning", "Made", "capture_key_of", "drawn_of", "expected_of", "generate"]
 
 
 def capture_key_of(*parts: Any) -> int:
@@ -63,17 +66,38 @@ def generate(
         GenerationWarning: the target lies outside every gate; scattered light that the rung leaves out is not small.
     """
     refuse_forked()
-    model = model_of(scene.modality)
     key = capture_key_of(scene) if capture_key is None else capture_key
     fidelity = fidelity or first_rung(scene)
     request = checked(
         scene, seed=seed, capture_key=key, fidelity=fidelity, rtol=rtol, truth_electrons=truth_electrons,
         truth_components=truth_components, tracer=tracer,
     )  # fmt: skip
-    if fidelity == "auto":
-        request = request.taking(model.choose(scene, request))
+    made = expected_of(scene, request)
+    return drawn_of(scene, made, request)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What a capture is drawn from: the expectation, the effects, and the rung that was chosen."""
+
+    expected: Expected[Any]
+    effects: list[Effect]
+    choice: Choice | None
+
+
+def expected_of(scene: Scene, request: Request) -> Made:
+    """The expectation of a checked request, and every catalogued effect."""
+    model = model_of(scene.modality)
+    choice = model.choose(scene, request) if request.fidelity == "auto" else None
+    request = request if choice is None else request.taking(choice)
     expected = model.expect(scene, request)
-    measured = model.read(scene, expected, request)
-    effects = sized(model.effects(scene, expected, request.rung), request.choice)
-    warn(scene, expected.warnings, effects, request.rung)
-    return captured(scene, model, measured, expected, effects, request)
+    return Made(expected, sized(model.effects(scene, expected, request.rung), request.choice), choice)
+
+
+def drawn_of(scene: Scene, made: Made, request: Request, declared: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """The capture of an expectation: the detector draws. `declared`: the rig as declared, where it is known."""
+    model = model_of(scene.modality)
+    request = request if made.choice is None else request.taking(made.choice)
+    measured = model.read(scene, made.expected, request)
+    warn(scene, made.expected.warnings, made.effects, request.rung)
+    return captured(scene, model, measured, made.expected, made.effects, request, declared)

@@ -9,7 +9,9 @@ from enum import IntEnum
 
 import numpy as np
 
-__all__ = ["BLOCK_ROWS", "Stage", "blocks", "generator", "jitter_about_mean", "jitter_of_mean"]
+__all__ = [
+    "BLOCK_ROWS", "Stage", "blocks", "drawn_from", "generator", "jitter_about_mean", "jitter_of_mean", "resampler", "sequence",
+]  # fmt: skip
 
 #: Rows of one block of random numbers.
 BLOCK_ROWS = 16
@@ -35,10 +37,35 @@ class Stage(IntEnum):
     IMAGER = 22  # the camera beside the lenslets; a block is a frame
 
 
+class _Count:
+    """How many sequences of random numbers were begun in this process."""
+
+    begun = 0
+
+
+def drawn_from() -> int:
+    """Number of sequences of random numbers begun so far: what leaves it as it was depends on no seed.
+
+    All randomness of the generator begins in this file (a test looks for others).
+    """
+    return _Count.begun
+
+
+def sequence(seed: int, spawn_key: tuple[int, ...]) -> np.random.SeedSequence:
+    """`SeedSequence(seed, spawn_key)`."""
+    _Count.begun += 1
+    return np.random.SeedSequence(seed, spawn_key=spawn_key)
+
+
 def generator(seed: int, capture_key: int, stage: Stage, block: int = 0) -> np.random.Generator:
     """The random generator of one stage and block."""
-    sequence = np.random.SeedSequence(seed, spawn_key=(capture_key, int(stage), block))
-    return np.random.Generator(np.random.SFC64(sequence))
+    return np.random.Generator(np.random.SFC64(sequence(seed, (capture_key, int(stage), block))))
+
+
+def resampler(seed: int) -> np.random.Generator:
+    """The random generator of a bootstrap, which no value of a capture depends on."""
+    _Count.begun += 1
+    return np.random.default_rng(seed)
 
 
 def blocks(rows: int) -> list[tuple[int, slice]]:

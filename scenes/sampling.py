@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ def response_table(pulse: waveforms.Pulse, gate: waveforms.Gate, rtol: float, wh
         InputError: a gate that lets nothing through, or a pulse too short or too steep against it for `rtol`.
     """
     try:
-        return tabulate(pulse, gate, rtol)
+        return _tabulated(pulse, gate, rtol)
     except ValueError as error:
         raise InputError(
             "The response of this pulse and gate cannot be tabulated.",
@@ -57,3 +58,12 @@ def response_table(pulse: waveforms.Pulse, gate: waveforms.Gate, rtol: float, wh
             allowed="an open gate of at most some 10⁵ lengths of the pulse, fewer where both have steep edges",
             next_step="shorten the gate, lengthen the pulse, or give one of them gentler edges",
         ) from error
+
+
+@lru_cache(maxsize=64)
+def _tabulated(pulse: waveforms.Pulse, gate: waveforms.Gate, rtol: float) -> Table:
+    """As `tabulate`; captures of one instrument have the same tables, which nobody may change."""
+    table = tabulate(pulse, gate, rtol)
+    for values in (table.value, table.slope):
+        values.flags.writeable = False
+    return table

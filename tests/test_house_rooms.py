@@ -26,14 +26,15 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "scenes": (
         "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
+        "datasets",
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents",
+        "example", "export", "contents", "readers",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",
-        "preview", "captured", "generate",
+        "preview", "captured", "generate", "workshop",
     ),
     "estimators": (
         "labels", "rig", "declared", "response", "result", "builtin", "chain", "registry", "fit", "gated", "waveform", "amcw",

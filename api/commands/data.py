@@ -19,6 +19,9 @@ def _status_json(status: dict[str, Any], given: Arguments) -> dict[str, Any]:
 
 
 def _status_text(status: dict[str, Any], given: Arguments) -> None:
+    if "groups" in status:
+        _data_set(status)
+        return
     sizes = " × ".join(f"{size} {name}" for name, size in status["sizes"].items())
     print_lines(
         f"{status['path']}: {status['count']} {status['modality']} captures, {sizes}, {size_text(status['bytes'])}"
@@ -26,6 +29,24 @@ def _status_text(status: dict[str, Any], given: Arguments) -> None:
     columns = ("capture", "scene", "seed", "truth", "fidelity")
     rows = [[str(row[name]) if row[name] is not None else "–" for name in columns] for row in status["captures"]]
     print_table(columns, rows, right=("capture", "seed"))
+
+
+def _data_set(status: dict[str, Any]) -> None:
+    state = "complete" if status["finished"] else "unfinished"
+    print_lines(
+        f"{status['path']}: data set {status['dataset']}, {state}, {status['count']} of {status['asked']} captures, "
+        f"{size_text(status['bytes'])}"
+    )
+    numbers = ("captures", "shards", "a shard")
+    rows = [
+        (g["group"], " × ".join(f"{n} {name}" for name, n in g["sizes"].items()), str(g["captures"]),
+         f"{g['shards']} of {g['shards_asked']}" if g["shards_asked"] else str(g["shards"]), str(g["captures_per_shard"]))
+        for g in status["groups"]
+    ]  # fmt: skip
+    print_table(("group", "sizes", *numbers), rows, right=numbers)
+    print_lines(*(f"{name or 'no split'}: {count} captures" for name, count in status["parts"].items()))
+    print_lines(*([f"content {status['content']}"] if status["finished"] else []))
+    print_lines(*([] if status["finished"] else ["next    the same beambench generate with --resume"]))
 
 
 STATUS = command(

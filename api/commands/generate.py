@@ -9,6 +9,7 @@ from .build import Arguments, View, command
 
 if TYPE_CHECKING:
     from ..benchmarks.datasets.generate import Generated
+    from ..benchmarks.datasets.large import Made
 
 __all__ = ["GENERATE"]
 
@@ -25,16 +26,54 @@ def _json(made: Generated, given: Arguments) -> dict[str, Any]:
         }
         if compared
         else None,
+        "outline": made.outline,
+        "made": None if made.made is None else {k: v for k, v in vars(made.made).items() if k != "path"},
     }
 
 
 def _text(made: Generated, given: Arguments) -> None:
+    if made.outline is not None:
+        _outline(made.outline)
+        return
     if given["plan"]:
         _plan(made.plan)
         return
+    if made.made is not None:
+        _made(made.made)
     for index, item in enumerate(made.comparison):
         print_lines(f"capture {index}: {item}")
     print_lines(*(f"captures {path}" for path in made.paths))
+
+
+def _outline(told: dict[str, Any]) -> None:
+    numbers = ("captures", "shards", "a shard", "a capture", "CPU s each")
+    print_table(
+        ("group", *numbers),
+        [
+            (
+                g["group"], str(g["captures"]), str(g["shards"]), str(g["captures_per_shard"]),
+                size_text(g["bytes_per_capture"]), f"{g['cpu_s_per_capture']:.3g}",
+            )
+            for g in told["groups"]
+        ],
+        right=numbers,
+    )  # fmt: skip
+    parts = ", ".join(f"{count} {name}" for name, count in told["parts"].items() if name)
+    fits = "" if told["fits"] else ": it does not fit"
+    print_lines(
+        f"captures {told['captures']} of {told['distinct_scenes']} distinct scenes" + (f": {parts}" if parts else ""),
+        f"size     {size_text(told['bytes'])} in {told['files']} files; {size_text(told['free_bytes'])} are free{fits}",
+        f"time     about {told['wall_s']:.0f} s with {told['workers']} workers of {told['threads']} threads "
+        f"({told['cpu_s']:.0f} s of CPU time)",
+        *(f"warning  {line}" for line in told["warnings"]),
+    )
+
+
+def _made(made: Made) -> None:
+    kept = f", {made.kept} were there" if made.kept else ""
+    again = f", {made.remade} damaged shards made again" if made.remade else ""
+    print_lines(f"captures {made.count}: {made.made} made{kept}{again}", f"content  {made.content}")
+    print_lines(*(f"note     {line}" for line in made.events))
 
 
 def _plan(plan: list[dict[str, Any]]) -> None:
@@ -64,5 +103,7 @@ GENERATE = command(
   beambench generate step --seeds 1 --seeds 2 -o step.zarr
   beambench generate my-scene.toml --set rig.delays.count=128 --plan
   beambench generate quickstart -o captures
+  beambench generate gated-1k --plan
+  beambench generate gated-1k -o gated-1k --workers 2
   beambench generate --like step.zarr""",
 )

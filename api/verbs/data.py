@@ -13,13 +13,14 @@ __all__ = ["data_finalize", "data_repair", "data_status", "data_verify"]
 
 
 def data_status(data: str | Path) -> dict[str, Any]:
-    """Show the contents of a store of captures.
+    """Show the contents of a store of captures, or how far a data set is.
 
     Main arguments:
         data: The store.
 
     Returns:
-        Modality, number of captures, sizes, bytes on disk, and of each capture its scene, seed, kind of truth and rung.
+        Modality, number of captures, sizes, bytes on disk, and of each capture its scene, seed, kind of truth and rung. Of a data
+        set its groups, shards and parts.
 
     Raises:
         InputError: There is no store with undamaged metadata.

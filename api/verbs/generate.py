@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,21 +30,22 @@ def generate(
     sealed: str | Path | None = None,
     like: str | Path | None = None,
     plan: bool = False,
+    workers: int | None = None,
     out: str | Path | None = None,
     resume: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Generated:
-    """Generate captures with exact truth from a scene or a suite, and store them.
+    """Generate captures with exact truth from a scene, a suite or a data set, and store them.
 
-    The captures of a scene, one per seed, go into one store. Those of a suite, its test captures without stress, go into
-    one store per scene, inside the folder `out`.
+    The captures of a scene, one per seed, go into one store; those of a data set, whose parameters are drawn, too. Those of a
+    suite, its test captures without stress, go into one store per scene, inside the folder `out`.
 
     Main arguments:
-        source: Name of a scene or a suite, or a .toml or .json file; in Python also a scene as data.
+        source: Name of a scene, a suite or a data set, or a .toml or .json file; in Python also a scene or a data set as data.
         overrides: {path: value}, applied before validation.
     Other arguments:
-        seeds: Seed of a scene's capture, a whole number; 0 by default. A suite has seeds of its own.
+        seeds: Seed of a scene's capture, a whole number; 0 by default. A suite and a data set have seeds of their own.
         fidelity: Rung of the forward model, the suite's or the cheapest by default; auto: the cheapest with an error below `rtol`.
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
@@ -53,35 +55,86 @@ def generate(
         sealed: File of a secret key: captures of a suite with seeds that nobody knows, stored without truth
             (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
-            differs. The new captures are stored only if `out` is given. No option may change what is made; only `overrides` may
-            say where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in the
-            current folder.
-        plan: List the captures without making any.
+            differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
+            where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in this folder.
+        plan: List the captures without making any; of a data set, tell its size, time, shards and parts, by a pilot.
+        workers: Processes that make a data set; one for each processor by default. Captures are the same for any number.
         out: Where to write; ./beambench-runs/<name>-<time> by default.
-        resume: Continue an unfinished store, and keep complete ones; existing captures must be the requested ones.
+        resume: Continue an unfinished store, keep complete ones, let a data set grow; existing captures must be the requested ones.
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (an entry per capture), `paths` (stores) and, with `like`, `comparison`, `differing` and `equal`.
+    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`; with `like` `comparison`,
+    `differing` and `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
     """
-    from ..benchmarks.datasets.items import items_of
-    from ..benchmarks.suites.sealed import read_key
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
+    given = {
+        "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers, "--sealed": sealed,
+        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
+    }  # fmt: skip
     if like is not None:
-        given = {
-            "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol,
-            "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
-        }  # fmt: skip
         return _repeat(like, given, changes, plan, place, overwrite, progress)
     _check_request(source, place, resume, overwrite)
-    key = None if sealed is None else read_key(sealed)
-    groups = items_of(source, changes, seeds, fidelity, rtol, truth_electrons, truth_components, key)
-    return _make(str(source), groups, plan, place, resume, overwrite, progress)
+    return _made_of(source, changes, given, _How(plan, workers, place, resume, overwrite, progress))
+
+
+@dataclass(frozen=True)
+class _How:
+    """Where and how captures are made: arguments of `generate`."""
+
+    plan: bool
+    workers: int | None
+    out: Path | None
+    resume: bool
+    overwrite: bool
+    progress: Progress | None
+
+
+def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _How) -> Generated:
+    from ..benchmarks.datasets.items import items_of
+    from ..benchmarks.suites.sealed import read_key
+    from ..scenes.datasets.load import is_dataset
+    from ..scenes.errors import InputError
+
+    key = None if given["--sealed"] is None else read_key(given["--sealed"])
+    names = ("fidelity", "rtol", "truth_electrons", "truth_components")
+    asked = {name: given["--" + name.replace("_", "-")] for name in names}
+    if is_dataset(source) and key is not None:
+        raise InputError("Only a suite can be sealed.", where="--sealed", value=str(source), next_step="name a suite")
+    if is_dataset(source):
+        own = {name: value for name, value in asked.items() if value is not None and value is not False}
+        return _data_set(source, changes | own, given["--seeds"], how)
+    if how.workers is not None:
+        raise InputError("Only a data set is made by several workers.", where="--workers", value=how.workers)
+    groups = items_of(source, changes, given["--seeds"], *asked.values(), key)
+    return _make(str(source), groups, how.plan, how.out, how.resume, how.overwrite, how.progress)
+
+
+def _data_set(source: Any, changes: dict[str, Any], seeds: Any, how: _How) -> Generated:
+    from ..benchmarks.datasets.generate import Generated
+    from ..benchmarks.datasets.large import make_dataset
+    from ..benchmarks.datasets.outline import outline
+    from ..benchmarks.folders.progress import silent
+    from ..scenes.datasets.load import load_dataset
+    from ..scenes.errors import InputError
+
+    if seeds is not None:
+        raise InputError(
+            "A data set has a seed of its own.", where="--seeds", value=seeds, next_step="change it with --set seed=2"
+        )
+    draws = load_dataset(source, changes)
+    place = how.out or default_out(draws.data.dataset)
+    if how.plan:
+        return Generated([], outline=outline(draws, place, how.workers))
+    made = make_dataset(
+        draws, place, workers=how.workers, resume=how.resume, overwrite=how.overwrite, tell=how.progress or silent
+    )
+    return Generated([], [made.path], made=made)
 
 
 def _make(

@@ -3,9 +3,10 @@
     python -m beambench.benchmarks.checks.flips --count 1400 --seed 1
 
 A flip of a store holds if `verify` names it, no reading gives other numbers, and `repair` leaves a sound store that has lost
-at most the capture of the flipped chunk (none for a flip of metadata). A flip of an unfinished store holds if `finalize` or
-`repair` gives a sound store of captures that were written. One of a journal or a cache holds if nothing is taken from it but
-what was written; one of a folder of results, if every reader ends with a result or a clear error.
+at most the capture of the flipped chunk (none for a flip of metadata); one of a data set, if `verify` names it and every file is
+again what it was, captures made again. A flip of an unfinished store holds if `finalize` or `repair` gives a sound store of
+captures that were written. One of a journal or a cache holds if nothing is taken from it but what was written; one of a folder of
+results, if every reader ends with a result or a clear error.
 """
 
 from __future__ import annotations
@@ -114,6 +115,27 @@ def _store(sound: Path, work: Path, target: Path) -> str:
     return "captures dropped" if chunk else "written again"
 
 
+def _data_set(sound: Path, work: Path, target: Path) -> str:
+    from ...captures import repair, verify
+
+    before, store = _loaded(sound / "s"), work / "s"
+    names = [damage.file for damage in verify(store)]
+    assert str(target.relative_to(store)) in names, f"verify names {names}"
+    chunk = target.name.startswith("c.")
+    if not chunk:
+        restored = repair(store)
+        assert not restored.dropped, "captures dropped for a flip of metadata"
+        note = "written again"
+    else:
+        remade = repair(store, make=lambda attrs, where: before[int(where.rpartition(" ")[2])])
+        assert not remade.dropped, f"the repair dropped {remade.dropped}"
+        note = "made again" if remade.remade else "written again"
+    assert verify(store) == [], "it is not sound after the repair"
+    for path in sorted(one for one in (sound / "s").rglob("*") if one.is_file()):
+        assert (store / path.relative_to(sound / "s")).read_bytes() == path.read_bytes(), f"{path.name} differs"
+    return note
+
+
 def _unfinished(sound: Path, work: Path, target: Path) -> str:
     from ...captures import finalize, repair, verify
 
@@ -176,6 +198,7 @@ def _journal_folder(sound: Path, work: Path, target: Path) -> str:
 
 _PARTS: dict[str, tuple[str, Judge, int]] = {
     "stores": ("stores, bytes", _store, 4),
+    "data sets": ("data sets, bytes", _data_set, 4),
     "unfinished stores": ("unfinished stores", _unfinished, 2),
     "journals of runs": ("journals of runs", _journal, 3),
     "caches": ("caches", _cache, 3),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .example_modalities import IMAGING, SMALL
+from .fuzz_shards import SHARDED
 from .fuzz_specs import SPECS, Subject, any_file, json_file
 from .mutations import json_mutated, mutated
 
@@ -324,6 +325,7 @@ def _read_plan(folder: Path) -> None:
 
 SUBJECTS: dict[str, Subject] = {
     **SPECS,
+    **SHARDED,
     "stores, bytes": Subject(_store, any_file, _read_store),
     "stores, values under right checksums": Subject(_store, _hostile_store, _read_store),
     "unfinished stores": Subject(_unfinished, _hostile_journal, _read_unfinished),

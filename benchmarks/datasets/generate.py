@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from ...captures.compare import Comparison
     from ..folders.progress import Progress
+    from .large import Made
 
 __all__ = ["Generated", "make_stores", "maker_of", "plan_of", "repeat_store"]
 
@@ -25,12 +26,15 @@ class Generated:
     """What `generate` made, or with `plan` would make.
 
     `plan`: one entry per capture (scene, seed, sizes, bytes of the counts). `paths`: stores written. `comparison`: with
-    `like`, one per capture; `differing` counts the values whose bits differ.
+    `like`, one per capture; `differing` counts the values whose bits differ. `outline`, `made`: of a data set, its plan, and
+    what was made.
     """
 
     plan: list[dict[str, Any]]
     paths: list[Path] = field(default_factory=list)
     comparison: list[Comparison] = field(default_factory=list)
+    outline: dict[str, Any] | None = None
+    made: Made | None = None
 
     @property
     def differing(self) -> int:

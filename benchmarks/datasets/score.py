@@ -111,7 +111,7 @@ def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, An
         "level": math.nan,
         "stress2": "none",
         "level2": math.nan,
-        "seed": int(attrs.get("seed", index)),
+        "seed": captures.number(index),
         "condition": "matched",
         "estimator": name,
         "params": params,

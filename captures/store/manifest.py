@@ -12,6 +12,7 @@ import json
 import os
 import re
 import stat
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ __all__ = [
     "DamagedManifest",
     "Manifest",
     "check_metadata",
+    "check_metadata_files",
     "chunk_mark",
     "load_manifest",
     "mark_of",
@@ -187,8 +189,13 @@ def refused_metadata(root: Path, told: str) -> InputError:
 
 def check_metadata(root: Path, manifest: Manifest) -> list[tuple[str, str]]:
     """(file, problem) of each metadata file that is missing or altered."""
+    return check_metadata_files(root, manifest.metadata)
+
+
+def check_metadata_files(root: Path, sums: Mapping[str, str]) -> list[tuple[str, str]]:
+    """(file, problem) of each file that is missing or has another sha256 than `sums` states."""
     problems = []
-    for name, expected in manifest.metadata.items():
+    for name, expected in sums.items():
         try:
             if regular_size(safe_join(root, name)) is None:
                 problems.append((name, "missing"))

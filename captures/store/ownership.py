@@ -20,8 +20,7 @@ from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, RECORD, regular_size
 __all__ = [
     "REPAIR_MARK",
     "clear_unfinished_writes", "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name",
-    "settle_replacement",
-    "state_replacement",
+    "settle_replacement", "sharded_foreign", "state_replacement",
 ]  # fmt: skip
 
 #: A file in an unfinished store that a repair writes: the next repair begins it again.
@@ -33,7 +32,11 @@ _TOP = {
     for name in (MANIFEST, MANIFEST_SUM, RECORD, JOURNAL, _REPLACED, REPAIR_MARK, "zarr.json")
     for end in ("", ".new")
 }
-_CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial)?")
+#: Files and the folder of a store of many captures.
+_ASKED, _RECEIPTS = "dataset.json", "receipts"
+_TOP_SHARDED = _TOP | {name + end for name in (_ASKED, f"{_ASKED}.copy", "index.parquet") for end in ("", ".new")}
+_RECEIPT = re.compile(r"[a-z0-9][a-z0-9_]{0,60}\.[0-9]{1,9}\.z(\.copy)?(\.new)?")
+_CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial|\.new)?")
 
 
 def is_ours(path: Path) -> bool:
@@ -42,13 +45,19 @@ def is_ours(path: Path) -> bool:
         return False
     if any(regular_size(path / name) is not None and has_mark(path, name) for name in (JOURNAL, RECORD)):
         return True
-    if regular_size(path / MANIFEST) is None:
-        return False
+    if _states(path / _ASKED, "request"):
+        return True
+    return _states(path / MANIFEST)
+
+
+def _states(file: Path, key: str = "") -> bool:
+    """Whether a JSON file, or the object `key` in it, states the format of stores."""
     try:
-        body = read_json((path / MANIFEST).read_bytes())
+        body = read_json(file.read_bytes()) if regular_size(file) is not None else None
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(body, dict) and body.get("format") == FORMAT
+    found = body.get(key) if key and isinstance(body, dict) else body
+    return isinstance(found, dict) and found.get("format") == FORMAT
 
 
 def is_removable_partial(path: Path) -> bool:
@@ -68,6 +77,8 @@ def may_drop(name: str) -> bool:
 
 def foreign_entries(path: Path) -> list[str]:
     """Files and folders in the store that are not of its format, sorted: links, other names. Raises OSError."""
+    if _is_sharded(path):
+        return sharded_foreign(path)
     found = []
     with os.scandir(path) as entries:
         for entry in entries:
@@ -87,11 +98,46 @@ def _is_array_file(entry: os.DirEntry[str]) -> bool:
 
 def clear_unfinished_writes(path: Path) -> None:
     """Remove what a stop left of a file of metadata that was being written (`journal.write_file`). Raises OSError."""
-    for folder in (path, *(entry.path for entry in os.scandir(path) if entry.is_dir(follow_symlinks=False))):
+    for folder in (path, *(Path(entry.path) for entry in os.scandir(path) if entry.is_dir(follow_symlinks=False))):
         for entry in list(os.scandir(folder)):
             own = entry.name in _TOP if folder == path else entry.name == "zarr.json.new"
             if own and entry.name.endswith(".new") and entry.is_file(follow_symlinks=False):
                 os.unlink(entry.path)
+
+
+def _is_sharded(path: Path) -> bool:
+    return any(os.path.lexists(path / name) for name in (_ASKED, f"{_ASKED}.copy", _RECEIPTS))
+
+
+def sharded_foreign(path: Path) -> list[str]:
+    """As `foreign_entries`, of a store of many captures: groups of arrays, and receipts. Raises OSError."""
+    found = []
+    for place, names, files in os.walk(path):
+        inside = Path(place).relative_to(path)
+        depth = len(inside.parts)
+        for name in [*names, *files]:
+            link = (path / inside / name).is_symlink()
+            folder = name in names and depth < 2 and inside.parts != (_RECEIPTS,)
+            if depth == 0:
+                known = folder or name in _TOP_SHARDED
+            elif inside.parts == (_RECEIPTS,):
+                known = _RECEIPT.fullmatch(name) is not None
+            else:
+                known = folder or name in ("zarr.json", "zarr.json.new") or (depth == 2 and may_drop(name))
+            if link or not known or (name in names and not folder):
+                found.append(str(inside / name))
+    return sorted(found)
+
+
+def _remove_folder(folder: Path) -> None:
+    """Remove the files of a store from a folder of it, then the folder. Raises OSError where others are in it."""
+    for name in os.listdir(folder):
+        inside = folder / name
+        if stat.S_ISDIR(os.lstat(inside).st_mode):
+            _remove_folder(inside)
+        elif may_drop(name) or name in ("zarr.json", "zarr.json.new") or _RECEIPT.fullmatch(name):
+            inside.unlink()
+    folder.rmdir()
 
 
 def remove_store(path: Path) -> None:
@@ -109,12 +155,9 @@ def remove_store(path: Path) -> None:
     for name in sorted(os.listdir(path)):
         folder = path / name
         if stat.S_ISDIR(os.lstat(folder).st_mode):
-            for file in os.listdir(folder):
-                if may_drop(file) or file in ("zarr.json", "zarr.json.new"):
-                    (folder / file).unlink()
-            folder.rmdir()
+            _remove_folder(folder)
     last = [RECORD, MANIFEST, JOURNAL, _REPLACED]
-    for name in [*sorted(_TOP - {*last}), *last]:
+    for name in [*sorted(_TOP_SHARDED - {*last}), *last]:
         (path / name).unlink(missing_ok=True)
     path.rmdir()
 
@@ -147,5 +190,6 @@ def settle_replacement(path: Path) -> None:
     if is_ours(path):
         for mark in (_REPLACED, REPAIR_MARK):
             (path / mark).unlink(missing_ok=True)
-        if all(regular_size(path / name) is not None for name in (MANIFEST, MANIFEST_SUM, RECORD)):
+        second = _ASKED if _is_sharded(path) else RECORD
+        if all(regular_size(path / name) is not None for name in (MANIFEST, MANIFEST_SUM, second)):
             (path / JOURNAL).unlink(missing_ok=True)  # the last step of a store's completion

@@ -22,7 +22,7 @@ from .ownership import (
 )
 from .record import manifest_of, metadata_of, record_text, with_sums
 
-__all__ = ["disk_error", "is_store", "partial_of", "publish", "refuse_existing"]
+__all__ = ["disk_error", "exchange", "is_store", "partial_of", "publish", "refuse_existing"]
 
 
 def partial_of(path: Path) -> Path:
@@ -73,7 +73,7 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, kee
     for name in journal.structure:
         fsync_path(partial / name)
     fsync_path(partial)
-    _exchange(partial, path, overwrite, keep_replaced)
+    exchange(partial, path, overwrite, keep_replaced)
     for name in (JOURNAL, REPAIR_MARK):
         (path / name).unlink(missing_ok=True)
     fsync_path(path)
@@ -103,7 +103,8 @@ def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
                 (partial / name / file).unlink()
 
 
-def _exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | None) -> None:
+def exchange(partial: Path, path: Path, overwrite: bool, keep_replaced: Path | None) -> None:
+    """Rename `partial` to `path`, the store that stands there aside first. Raises OSError, InputError."""
     settle_replacement(path)
     refuse_existing(path, overwrite)
     aside = keep_replaced or replaced_name(path)

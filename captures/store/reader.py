@@ -34,15 +34,15 @@ from .verification import chunk_problem
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CaptureIndexError", "CaptureSet", "open_captures", "unchecked_captures"]
+__all__ = ["CaptureIndexError", "CaptureSet", "open_flat", "unchecked_captures"]
 
 
 class CaptureIndexError(InputError, IndexError):
     """There is no capture of this index."""
 
 
-def open_captures(path: str | os.PathLike[str]) -> CaptureSet:
-    """Open the store at `path` after checking its manifest, its metadata, and that each chunk exists in full size.
+def open_flat(path: str | os.PathLike[str]) -> CaptureSet:
+    """Open the store of one file per chunk at `path`, as `faces.open_captures` does.
 
     Raises InputError: no such path, a file, not a store, an unfinished one, another version, damaged metadata, missing or
     truncated chunks. Damage inside a chunk is detected when its capture is read, or by `verify`.
@@ -179,6 +179,10 @@ class CaptureSet:
         """Attributes of one capture. Raises CaptureIndexError (an InputError and an IndexError)."""
         return decode_attributes(self._records[self._index(index)], self._texts)
 
+    def number(self, index: SupportsIndex) -> int:
+        """What tells a capture from others of the same scene: its seed, or its number in a data set of one seed."""
+        return int(self.attributes(index).get("seed", self._index(index)))
+
     def load(self, index: SupportsIndex, names: Iterable[str] | None = None) -> xr.Dataset:
         """One capture in memory, without the `capture` dimension.
 
@@ -226,7 +230,11 @@ class CaptureSet:
         return number % len(self)
 
     def _check_memory(self, wanted: Iterable[str]) -> None:
-        size = sum(self.arrays[name].dtype.itemsize * math.prod(self.arrays[name].shape[1:]) for name in wanted)
+        arrays = (self.arrays[name] for name in wanted)
+        self._check_room([{"dtype": one.dtype, "shape": one.shape[1:]} for one in arrays])
+
+    def _check_room(self, entries: Iterable[dict[str, Any]]) -> None:
+        size = sum(np.dtype(one["dtype"]).itemsize * math.prod(one["shape"]) for one in entries)
         if size > LARGE_BYTES and size > (free := free_bytes()):
             raise InputError(
                 "A capture needs more than the free memory of this machine.",

@@ -39,6 +39,7 @@ from .journal import (
 from .manifest import Mark, chunk_mark
 from .ownership import REPAIR_MARK, is_ours, is_removable_partial, remove_store, settle_replacement
 from .publish import disk_error, partial_of, publish, refuse_existing
+from .shard_manifest import is_sharded
 from .verification import partial_damage, refused_partial
 
 if TYPE_CHECKING:
@@ -196,7 +197,9 @@ class CaptureWriter:
 
     def _start(self, resume: bool) -> None:
         if os.path.lexists(self.partial):
-            if not (self.overwrite or resume) or not is_removable_partial(self.partial):
+            # Shards of a data set are not continued here, and not taken for a store without captures.
+            begun = resume and not is_sharded(self.partial)
+            if not (self.overwrite or begun) or not is_removable_partial(self.partial):
                 raise InputError(
                     "An unfinished store is in the way.",
                     where=str(self.partial),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from ..noise import noise_variance
+from ..random import resampler
 
 __all__ = ["relative_noise", "replicate_error", "stack_error", "task_error"]
 
@@ -22,7 +23,7 @@ def stack_error(x: Stack, one: Stack, two: Stack, seed: int = 0, draws: int = 40
     above, below = np.sum((a - b) * (a - c), axis=0), np.sum(b * c, axis=0)
     if not below.sum() > 0:
         return 0.0, 0.0, 0.0
-    pick = np.random.default_rng(seed).multinomial(above.size, np.full(above.size, 1 / above.size), size=draws)
+    pick = resampler(seed).multinomial(above.size, np.full(above.size, 1 / above.size), size=draws)
     ratios = (pick @ above) / np.maximum(pick @ below, 1e-300)
     low, high = np.sqrt(np.maximum(np.percentile(ratios, [2.5, 97.5]), 0.0))
     return float(np.sqrt(max(float(above.sum() / below.sum()), 0.0))), float(low), float(high)

@@ -23,7 +23,7 @@ from ..paths.finite import FiniteLight, FiniteSums, trace_finite
 from ..paths.loop import COMPONENTS, Lanes, Moments, Window, trace_lanes
 from ..paths.single import single_electrons
 from ..paths.world import PathWorld
-from ..random import BLOCK_ROWS, Stage
+from ..random import BLOCK_ROWS, Stage, sequence
 from ..rays.returns import Returns, render_stack
 from ..water.ramp import nearest_path_m
 from .finite_truth import finite_truth
@@ -297,7 +297,7 @@ class _Run:
         for top in range(rows.start, rows.stop, BLOCK_ROWS):
             tall = min(top + BLOCK_ROWS, rows.stop) - top
             key = (self.key, int(Stage.PATHS), top // BLOCK_ROWS, self.round, COMPONENTS.index(self.component))
-            words = np.random.SeedSequence(self.seed, spawn_key=key).generate_state(2)
+            words = sequence(self.seed, key).generate_state(2)
             index = np.arange(per, dtype=np.uint32)[:, None] + per * np.arange(tall * cols, dtype=np.uint32)
             lane = mi.UInt32(index.ravel())
             for word, store in zip(words, (state, stream), strict=True):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..random import BLOCK_ROWS, Stage
+from ..random import BLOCK_ROWS, Stage, sequence
 from .device import LineWorld
 from .setting import Pose, Setting
 from .transport import Rays, trace_rest
@@ -99,8 +99,7 @@ class Tracing:
         cols = self.setting.rig.camera.cols
         name = (self.key, int(Stage.PATHS), block, half, self.frame)
         shifts, draw = (
-            np.random.Generator(np.random.SFC64(np.random.SeedSequence(self.seed, spawn_key=(*name, part))))
-            for part in (0, self.number + 1)
+            np.random.Generator(np.random.SFC64(sequence(self.seed, (*name, part)))) for part in (0, self.number + 1)
         )
         place = (self.row[own] % BLOCK_ROWS) * cols + self.col[own]
         whole = BLOCK_ROWS * cols

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..random import resampler
 from .expected import FrameLight, tracing_of
 from .full import MOST_SAMPLES
 from .setting import Pose, Setting
@@ -42,7 +43,7 @@ def image_error(x: Float, one: Float, two: Float, seed: int = 0, draws: int = 40
     above, below = ((x - one) * (x - two)).sum(axis=-1), (one * two).sum(axis=-1)
     if not below.sum() > 0:
         return 0.0, 0.0, 0.0
-    pick = np.random.default_rng(seed).multinomial(above.size, np.full(above.size, 1 / above.size), size=draws)
+    pick = resampler(seed).multinomial(above.size, np.full(above.size, 1 / above.size), size=draws)
     ratios = (pick @ above) / np.maximum(pick @ below, 1e-300)
     low, high = np.sqrt(np.maximum(np.percentile(ratios, [2.5, 97.5]), 0.0))
     return float(np.sqrt(max(float(above.sum() / below.sum()), 0.0))), float(low), float(high)

@@ -76,6 +76,7 @@ class Tracer:
             if item.texture is not None
         }
         parts: dict[str, Any] = {}
+        self._meshes: dict[int, tuple[Any, Any]] = {}
         # Only where several triangles meet in one vertex can a ray slip through.
         self._vertices = any(not isinstance(item.shape, Sphere | Rectangle) for item in scene.target)
         for number, item in enumerate(scene.target):
@@ -89,6 +90,8 @@ class Tracer:
             else:
                 vertices, faces = shape_mesh(item.shape, where)
                 check_solid(scene, item, vertices, faces)
+                if isinstance(item.shape, MeshFile):
+                    self._meshes[number] = (vertices, faces)
                 uv = None
                 if number in self._textures and isinstance(item.shape, MeshFile):
                     uv = mesh_uv(item.shape, where)
@@ -105,6 +108,12 @@ class Tracer:
         for pointer_id, number in index_of.items():
             table[pointer_id] = number
         self._table = table
+
+    def check(self, scene: Scene) -> None:
+        """Refuse an impossible scene of the same target, such as one whose rig is elsewhere. Raises InputError."""
+        check_possible(scene)
+        for number, (vertices, faces) in self._meshes.items():
+            check_solid(scene, scene.target[number], vertices, faces)
 
     def trace(self, origin: tuple[float, float, float] | Float, direction: Float) -> Hits:
         """First hits of rays along unit `direction` (3, n), from one origin or from an origin each (3, n).

@@ -1,0 +1,252 @@
+"""The workers of a data set: processes that make shards; one that dies or hangs is replaced, and its job done by another.
+
+Workers are programs of their own (no fork), each with its share of the processors. A job that has ended three workers is set
+aside and named, and the rest goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import IO, Any
+
+from ...scenes.errors import InputError
+from ..runner.protocol import THREAD_VARIABLES
+
+__all__ = ["MOST_TRIES", "Crew", "Task", "cores_usable"]
+
+#: Workers that one job may end before it is set aside.
+MOST_TRIES = 3
+#: Longest time without a word from a worker, s: a capture takes less, and a start with compilation too.
+SILENCE_S = 1800.0
+_COMMAND = "from beambench.benchmarks.datasets.worker import main; main()"
+
+
+def cores_usable() -> int:
+    """Processors that this process may use: its affinity, and the quota of its control group (cgroup v2 or v1)."""
+    own = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota = _quota()
+    return max(1, min(own, int(quota) if quota >= 1 else 1)) if quota else own
+
+
+def _quota() -> float:
+    """Processors by the quota of the control group; 0 without one."""
+    with suppress(OSError, ValueError, IndexError):
+        with open("/proc/self/cgroup", encoding="ascii") as file:
+            places = [line.rstrip("\n").split(":", 2)[2] for line in file if line.startswith("0::")]
+        for place in [*places, "/"]:
+            with suppress(OSError), open(f"/sys/fs/cgroup{place.rstrip('/')}/cpu.max", encoding="ascii") as file:
+                most, period = file.read().split()
+                return 0.0 if most == "max" else float(most) / float(period)
+    with suppress(OSError, ValueError):
+        with open("/sys/fs/cgroup/cpu/cpu.cfs_quota_us", encoding="ascii") as file:
+            most_us = float(file.read())
+        with open("/sys/fs/cgroup/cpu/cpu.cfs_period_us", encoding="ascii") as file:
+            return max(most_us, 0.0) / float(file.read())
+    return 0.0
+
+
+@dataclass
+class Task:
+    """One line for a worker, and what became of it: `done` what it told, `lost` why it was set aside."""
+
+    name: str
+    line: dict[str, Any]
+    tries: int = 0
+    done: dict[str, Any] | None = None
+    lost: str = ""
+    told: list[str] = field(default_factory=list)
+
+
+class _Member:
+    """One worker process."""
+
+    def __init__(self, begin: dict[str, Any], threads: int, keep: int | None) -> None:
+        environment = os.environ | dict.fromkeys(THREAD_VARIABLES, str(threads))
+        self.errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed by end)
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _COMMAND], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
+            env=environment, pass_fds=() if keep is None else (keep,),
+        )  # fmt: skip
+        self.task: Task | None = None
+        self.buffer = b""
+        self.heard = time.monotonic()
+        self.send(begin)
+
+    @property
+    def out(self) -> IO[bytes]:
+        assert self.process.stdout is not None
+        return self.process.stdout
+
+    def send(self, line: dict[str, Any]) -> None:
+        assert self.process.stdin is not None
+        with suppress(BrokenPipeError):  # it has ended: its output tells
+            self.process.stdin.write(json.dumps(line).encode() + b"\n")
+            self.process.stdin.flush()
+
+    def said(self) -> str:
+        """The last line that it wrote on standard error."""
+        size = self.errors.seek(0, os.SEEK_END)
+        self.errors.seek(max(0, size - 2000))
+        lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        return lines[-1][:200] if lines else ""
+
+    def end(self) -> int:
+        """End the process and return its exit code."""
+        assert self.process.stdin is not None
+        with suppress(OSError):
+            self.process.stdin.close()
+        self.process.kill()
+        code = self.process.wait()
+        self.out.close()
+        self.errors.close()
+        return code
+
+
+class Crew:
+    """Workers, in a `with` block.
+
+    Main arguments:
+        begin: what each worker is told first. workers: how many. threads: of each.
+    Other arguments:
+        keep: a file that they hold open, such as the lock of the store: it is free only when all of them have ended.
+        silence_s: longest time without a word from one.
+    """
+
+    def __init__(
+        self,
+        begin: dict[str, Any],
+        workers: int,
+        threads: int,
+        *,
+        keep: int | None = None,
+        silence_s: float = SILENCE_S,
+    ) -> None:
+        self._begin, self._workers, self._threads = begin | {"threads": threads}, workers, threads
+        self._keep, self._silence = keep, silence_s
+        self._members: list[_Member] = []
+        self._selector = selectors.DefaultSelector()
+        self._again: deque[Task] = deque()
+        #: What happened to workers, for the report: one line each.
+        self.events: list[str] = []
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for member in self._members:
+            member.end()
+        self._members.clear()
+        self._selector.close()
+
+    def run(self, tasks: Iterable[Task], heard: Callable[[int], None]) -> Iterator[Task]:
+        """Every task when it has ended, done or set aside; `heard` is told of every capture that was made.
+
+        Raises InputError where no work can go on (a full disk): what is complete stays.
+        """
+        waiting = iter(tasks)
+        while True:
+            self._hand_out(waiting)
+            busy = [member for member in self._members if member.task is not None]
+            if not busy:
+                return
+            for key, _ in self._selector.select(timeout=1.0):
+                yield from self._hear(key.data, heard)
+            for member in busy:
+                silent = member.task is not None and time.monotonic() - member.heard > self._silence
+                lost = self._bury(member, f"said nothing for {self._silence:g} s") if silent else None
+                if lost is not None:
+                    yield lost
+
+    def _hand_out(self, waiting: Iterator[Task]) -> None:
+        """Give a task to every worker that has none, and start workers while there are tasks."""
+        while True:
+            member = next((one for one in self._members if one.task is None), None)
+            if member is None and len(self._members) >= self._workers:
+                return
+            task = self._again.popleft() if self._again else next(waiting, None)
+            if task is None:
+                return
+            if member is None:
+                member = _Member(self._begin, self._threads, self._keep)
+                self._members.append(member)
+                self._selector.register(member.out, selectors.EVENT_READ, member)
+            member.task, member.heard = task, time.monotonic()
+            member.send(task.line)
+
+    def _hear(self, member: _Member, heard: Callable[[int], None]) -> Iterator[Task]:
+        """What a worker has said since; the tasks that it ended."""
+        content = os.read(member.out.fileno(), 2**16)
+        member.heard = time.monotonic()
+        *lines, member.buffer = (member.buffer + content).split(b"\n")
+        for line in lines:
+            ended = self._line(member, line, heard)
+            if ended is not None:
+                yield ended
+        if not content:
+            lost = self._bury(member, "")
+            if lost is not None:
+                yield lost
+
+    def _line(self, member: _Member, line: bytes, heard: Callable[[int], None]) -> Task | None:
+        told = json.loads(line)
+        task = member.task
+        if "capture" in told:
+            heard(int(told["capture"]))
+            return None
+        if "stopped" in told:
+            raise _error(told["stopped"])
+        assert task is not None
+        member.task = None
+        if "done" in told:
+            task.done = told["done"]
+            return task
+        if "refused" in told:
+            task.lost = str(_error(told["refused"]))
+            return task
+        return self._tried(task, str(told.get("failed", "")).strip().splitlines()[-1:], "failed")
+
+    def _bury(self, member: _Member, why: str) -> Task | None:
+        """Remove a worker that ended or hangs; its task goes to another, or is set aside."""
+        self._selector.unregister(member.out)
+        self._members.remove(member)
+        with suppress(subprocess.TimeoutExpired):
+            member.process.wait(timeout=0.5 if not why else 0.0)
+        said = member.said()
+        code = member.end()
+        how = why or (f"was ended by signal {-code}" if code < 0 else f"ended with code {code}")
+        if member.task is None:
+            if not why and code >= 0:
+                raise InputError("A worker cannot start.", where="worker", value=said, next_step="beambench doctor")
+            return None
+        return self._tried(member.task, [said] if said and code >= 0 else [], how)
+
+    def _tried(self, task: Task, said: list[str], how: str) -> Task | None:
+        task.tries += 1
+        told = f"{task.name}: a worker {how}" + (f" ({said[0]})" if said else "")
+        self.events.append(told)
+        task.told.append(told)
+        if task.tries < MOST_TRIES:
+            self._again.append(task)
+            return None
+        task.lost = f"it ended {task.tries} workers: {task.told[-1]}"
+        return task
+
+
+def _error(words: dict[str, Any]) -> InputError:
+    return InputError(
+        words["what"],
+        where=words["where"],
+        value=words["value"],
+        allowed=words["allowed"],
+        next_step=words["next_step"],
+    )

@@ -1,0 +1,194 @@
+"""The plan of a data set before it is made: captures, parts, shards, size, time and free space, from a pilot of a few captures."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...scenes.datasets.spec import PARTS
+from ...scenes.errors import InputError
+from .crew import Crew, Task, cores_usable
+from .jobs import Jobs, groups_of, shard_length
+
+if TYPE_CHECKING:
+    from ...scenes.datasets.draws import Draws
+
+__all__ = ["Pilot", "check_parts", "free_bytes_at", "lengths_of", "most_workers", "outline", "pilot", "staff"]
+
+#: Captures of a group that a plan makes, and those of the first that are left out of its times: kernels are loaded there.
+_PILOT, _WARM = 10, 2
+#: Resident memory of a worker beside its captures, bytes; copies of a capture that are held while it is made.
+_WORKER_BYTES, _COPIES = 600 * 2**20, 12
+#: Processor time that a worker's start takes, s.
+_START_S = 4.0
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What a few captures of one group tell: layout, bytes of a capture in memory and on disk, processor time of one, s."""
+
+    group: str
+    structure: dict[str, Any]
+    decoded: int
+    stored: float
+    cpu_s: float
+    warnings: tuple[str, ...]
+
+
+def staff(workers: int | None, jobs: int) -> tuple[int, int]:
+    """(workers, threads of each), workers × threads within the processors. Raises InputError for a number that is none."""
+    cores = cores_usable()
+    if workers is not None and not (1 <= workers <= 4096):
+        raise InputError(
+            "The number of workers is a whole number above 0.", where="--workers", value=workers, allowed=f"1 … {cores}"
+        )
+    if workers is not None and workers > cores:
+        raise InputError(
+            "There are fewer processors than workers.", where="--workers", value=workers,
+            allowed=f"1 … {cores}, the processors that this process may use",
+        )  # fmt: skip
+    count = min(workers or cores, max(jobs, 1))
+    return count, max(1, cores // count)
+
+
+def pilot(draws: Draws, captures: int = _PILOT, told: Callable[[int], None] = lambda index: None) -> dict[str, Pilot]:
+    """A few captures of each group, spread over the data set, made by a worker and not kept.
+
+    Raises InputError: one cannot be made; two base scenes of one modality have different layouts.
+    """
+    begin = {"root": "", "structures": {}, "identity": "", "resolved": draws.resolved()}
+    found: dict[str, Pilot] = {}
+    with Crew(begin, 1, 1) as crew:
+        for group, rows in _rows(draws, captures).items():
+            task = Task(f"pilot of {group}", {"kind": "probe", "rows": rows})
+            for ended in crew.run([task], told):
+                if ended.done is None:
+                    raise InputError(f"The pilot failed: {ended.lost}", where=ended.name, next_step="beambench doctor")
+                found[group] = _pilot_of(group, ended.done)
+    return found
+
+
+def _rows(draws: Draws, captures: int) -> dict[str, list[int]]:
+    """Captures of the pilot: of every base scene at least one."""
+    data = draws.data
+    wanted: dict[str, list[int]] = {group: [] for group in groups_of(draws)}
+    bases: Counter[str] = Counter()
+    each = max(1, math.ceil(captures / len(data.scenes)))
+    total = math.ceil(data.captures / data.repeats)
+    for number in range(min(total, 1000 + 100 * len(data.scenes))):
+        base = draws.base(number)
+        if bases[base] < each:
+            bases[base] += 1
+            wanted[str(draws.scenes[base]["rig"]["kind"])].append(number * data.repeats)
+        if all(bases[one.label] >= each for one in data.scenes):
+            break
+    return {group: rows for group, rows in wanted.items() if rows}
+
+
+def _pilot_of(group: str, told: Mapping[str, Any]) -> Pilot:
+    times = told["cpu_s"][_WARM:] or told["cpu_s"]
+    # Receipts hold attributes twice, compressed to about a tenth; those of neighbours repeat.
+    stored = sum(told["stored"]) / len(told["stored"]) + 0.2 * told["texts"]
+    return Pilot(
+        group, told["structure"], int(told["decoded"]), float(stored), sum(times) / len(times), tuple(told["warnings"])
+    )
+
+
+def lengths_of(draws: Draws, pilots: Mapping[str, Pilot]) -> dict[str, int]:
+    """Captures of a whole shard, by group."""
+    return {name: shard_length(one.decoded, len(one.structure), draws.data.captures) for name, one in pilots.items()}
+
+
+def outline(draws: Draws, out: Path, workers: int | None) -> dict[str, Any]:
+    """The plan: what is made, how large it is, how long it takes, and where it goes.
+
+    Main arguments:
+        out: where the data set will be written; the free space is that of its disk. workers: as of `generate`.
+
+    Raises:
+        InputError: a scene that cannot be made, a part of the split without captures, more workers than processors.
+    """
+    pilots = pilot(draws)
+    jobs = Jobs(draws, lengths_of(draws, pilots))
+    count, threads = staff(workers, len(jobs))
+    groups = []
+    seconds = size = files = 0.0
+    for name, one in pilots.items():
+        number = jobs.count(name)
+        shards = math.ceil(number / jobs.lengths[name])
+        groups.append({
+            "group": name, "captures": number, "shards": shards, "captures_per_shard": jobs.lengths[name],
+            "bytes_per_capture": round(one.stored), "cpu_s_per_capture": one.cpu_s,
+        })  # fmt: skip
+        seconds += number * one.cpu_s
+        size += number * one.stored
+        files += shards * (len(one.structure) + 2)
+    parts, scenes = check_parts(draws)
+    free = free_bytes_at(out)
+    return {
+        "dataset": draws.data.dataset, "captures": draws.data.captures, "groups": groups, "parts": parts,
+        "distinct_scenes": scenes, "bytes": round(size), "free_bytes": free, "fits": size < free, "files": round(files),
+        "workers": count, "threads": threads, "cpu_s": seconds, "wall_s": seconds / count + _START_S,
+        "warnings": sorted({told for one in pilots.values() for told in one.warnings}),
+    }  # fmt: skip
+
+
+def check_parts(draws: Draws) -> tuple[dict[str, int], int]:
+    """(captures of each part, number of distinct scenes).
+
+    Raises:
+        InputError: a part with a share has no capture; draws of one scene are in two parts, by a `by` that is finer than scenes.
+    """
+    data = draws.data
+    total = math.ceil(data.captures / data.repeats)
+    # Nine bytes a scene, for any number of them: by chance two of 10⁶ hashes of 64 bits are equal once in 4 · 10⁷.
+    content, part = np.empty(total, np.uint64), np.empty(total, np.uint8)
+    names = ["", *PARTS]
+    for number in range(total):
+        drawn = draws.drawn(number)
+        content[number] = int(draws.content(drawn)[:16], 16)
+        part[number] = names.index(draws.part(drawn))
+    count = np.full(total, data.repeats)
+    count[-1] = data.captures - (total - 1) * data.repeats
+    parts = {name: int(count[part == n].sum()) for n, name in enumerate(names) if (part == n).any()}
+    order = np.lexsort((part, content))
+    content, part = content[order], part[order]
+    same = content[1:] == content[:-1]
+    if (part[1:] != part[:-1])[same].any():
+        raise InputError(
+            "One scene is in two parts of the split.", where="split.by", value=None if data.split is None else data.split.by,
+            next_step="leave out `by`",
+        )  # fmt: skip
+    distinct = total - int(np.count_nonzero(same))
+    split = data.split
+    if split is not None:
+        empty = [name for name in PARTS if getattr(split, name) > 0 and not parts.get(name)]
+        if empty:
+            raise InputError(
+                "A part of the split has no capture: all captures of one scene are in one part.", where="split",
+                value=", ".join(empty), allowed=f"{distinct} distinct scenes (target and medium) are drawn",
+                next_step="draw more of target or medium, make more captures, or leave out the split",
+            )  # fmt: skip
+    return parts, distinct
+
+
+def free_bytes_at(out: Path) -> int:
+    """Free space of the disk that a path is, or will be, on."""
+    place = out.absolute()
+    while not place.exists():
+        place = place.parent
+    return int(shutil.disk_usage(place).free)
+
+
+def most_workers(decoded: int, wanted: int) -> int:
+    """As many workers as the free memory holds, at least one."""
+    from ...captures.store.layout import free_bytes
+
+    return max(1, min(wanted, free_bytes() // (_WORKER_BYTES + _COPIES * decoded)))

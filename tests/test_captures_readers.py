@@ -1,0 +1,122 @@
+"""Readers for training: every capture once an epoch, parts kept apart, shards shared out, and a position that is gone on from."""
+
+from __future__ import annotations
+
+import copy
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beambench.captures import open_captures, write
+from beambench.captures.readers import Captures, CaptureStream, numpy_batches
+from beambench.captures.store.faces import finalize
+from beambench.captures.store.shard_writer import ShardWriter
+from beambench.scenes.errors import InputError
+
+from .test_captures_shards import LENGTH, begun, captures_of
+
+COUNT = 20
+PARTS = ["train"] * 5 + ["test"]
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    base = tmp_path_factory.mktemp("readers")
+    begun(base / "s.partial", COUNT)
+    captures = captures_of("amcw", COUNT)
+    for shard, first in enumerate(range(0, COUNT, LENGTH)):
+        rows = range(first, min(first + LENGTH, COUNT))
+        with ShardWriter(base / "s.partial", "amcw", shard, rows, LENGTH, last=first + LENGTH >= COUNT) as writer:
+            for row in rows:
+                capture = captures[row]
+                capture["truth_range"].values[:] = row + 1.0
+                writer.append(capture, {"part": PARTS[row % 6]})
+            writer.close()
+    finalize(base / "s")
+    return base / "s"
+
+
+def number(sample: dict[str, Any]) -> int:
+    return int(sample["truth_range"].ravel()[0]) - 1
+
+
+def test_places_are_those_of_the_part(store: Path) -> None:
+    parts = {part: [number(one) for one in Captures(store, part=part)] for part in ("train", "test")}  # type: ignore[attr-defined]
+    assert parts["test"] == [5, 11, 17]
+    assert sorted(parts["train"] + parts["test"]) == list(range(COUNT))
+    whole = Captures(store, ["samples"])
+    assert len(whole) == COUNT
+    assert list(whole[3]) == ["samples"]
+    np.testing.assert_array_equal(whole[-1]["samples"], open_captures(store)[19]["samples"].values)
+    with pytest.raises(IndexError):
+        whole[COUNT]
+
+
+def test_a_stream_gives_each_capture_once_in_another_order_each_epoch(store: Path) -> None:
+    stream = CaptureStream(store, seed=1, buffer=8)
+    first, second = [number(one) for one in stream], [number(one) for one in stream]
+    assert sorted(first) == sorted(second) == list(range(COUNT))
+    assert first != second != list(range(COUNT))
+    assert first == [number(one) for one in CaptureStream(store, seed=1, buffer=8)]
+    assert [number(one) for one in CaptureStream(store, seed=1, buffer=1)] == list(range(COUNT))
+
+
+def test_processes_and_workers_share_the_shards(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two processes of two workers: each capture once, by the same stand-in for torch that `DataLoader` is asked through."""
+    seen = []
+    for rank in range(2):
+        for worker in range(2):
+            info = types.SimpleNamespace(id=worker, num_workers=2)
+            fake = types.SimpleNamespace(get_worker_info=lambda info=info: info)
+            monkeypatch.setitem(sys.modules, "torch.utils.data", fake)  # type: ignore[arg-type]
+            seen += [number(one) for one in CaptureStream(store, seed=2, rank=rank, world=2)]
+    assert sorted(seen) == list(range(COUNT))
+
+
+def test_a_position_is_gone_on_from(store: Path) -> None:
+    whole = [number(one) for one in CaptureStream(store, seed=3, buffer=5)]
+    stream = CaptureStream(store, seed=3, buffer=5)
+    reading = iter(stream)
+    begin = [number(next(reading)) for _ in range(7)]
+    state = stream.state()
+    later = CaptureStream(store, seed=3, buffer=5)
+    later.load_state(copy.deepcopy(state))
+    assert begin + [number(one) for one in later] == whole
+
+
+def test_batches_are_stacked(store: Path) -> None:
+    batches = list(numpy_batches(store, 8, ["samples", "truth_range"]))
+    assert [len(one["samples"]) for one in batches] == [8, 8, 4]
+    assert np.concatenate([one["truth_range"] for one in batches]).ravel()[0] == 1.0
+    shuffled = [number({"truth_range": row}) for one in numpy_batches(store, 8, seed=4) for row in one["truth_range"]]
+    assert sorted(shuffled) == list(range(COUNT))
+
+
+def test_torch_reads_them(store: Path) -> None:
+    torch = pytest.importorskip(
+        "torch", reason="PyTorch is not installed; the tests above ask what its DataLoader asks"
+    )
+    loader = torch.utils.data.DataLoader(Captures(store, ["samples"]), batch_size=4, num_workers=2)
+    assert sum(len(batch["samples"]) for batch in loader) == COUNT
+
+
+def test_other_stores_are_read_too(tmp_path: Path) -> None:
+    write(tmp_path / "s.zarr", captures_of("amcw", 3))
+    assert len(list(CaptureStream(tmp_path / "s.zarr", ["samples"]))) == 3
+    with pytest.raises(InputError, match="Only a data set"):
+        Captures(tmp_path / "s.zarr", part="train")
+
+
+def test_what_does_not_exist_is_refused(store: Path) -> None:
+    for given in ({"part": "tset"}, {"names": ["nothing"]}):
+        with pytest.raises(InputError):
+            Captures(store, **given)  # type: ignore[arg-type]
+    for wrong in ({"buffer": 0}, {"rank": 2, "world": 2}):
+        with pytest.raises(InputError):
+            CaptureStream(store, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError):
+        next(numpy_batches(store, 0))
