@@ -74,8 +74,8 @@ def generate(
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
     given = {
-        "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers, "--sealed": sealed,
-        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--resume": resume,
+        "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
+        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
