@@ -73,6 +73,12 @@ def _negative_sigma(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -
         result["sigma"].values[7] *= -1
 
 
+def _boasts(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    """States less than the noise makes."""
+    if _is_clean(data):
+        result["sigma"] /= 30.0
+
+
 def _drifts(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
     result["range"].values[:] += 1e-12 * next(_CALLS)
 
@@ -224,6 +230,7 @@ FAULTS = [
     ("keeps the contract of its stage", _contract),
     ("answers a bright, clean capture", _refuses),
     ("valid answers have a positive sigma", _negative_sigma),
+    ("answers to other noise scatter within their sigma", _boasts),
     ("same answer twice", _drifts),
     ("leaves its input alone", _marks),
     ("shift: a later zero of time, farther ranges", _ignores_time),

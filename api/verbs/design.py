@@ -72,8 +72,7 @@ def design(
 
     loaded = load_scene(scene, overrides)
     folder = output_folder(out, f"design-{slug(loaded.name)}", resume=False, overwrite=overwrite)
-    chosen = tuple(allow or ())
-    found = designed(loaded, budget=budget, margin_m=margin_m, allow=chosen, fidelity=fidelity, seed=seed)
+    found = designed(loaded, budget=budget, margin_m=margin_m, allow=tuple(allow or ()), fidelity=fidelity, seed=seed)
     record = {
         "verb": DESIGN.verb, "command": list(command), "overrides": dict(overrides or {}), "budget": budget,
         "margin_m": margin_m, "allow": list(allow or ()), "fidelity": fidelity, "seed": seed,

@@ -167,7 +167,7 @@ def scatter(run: Run, maker: Maker) -> str:
     rms = float(np.sqrt((z**2).mean())) if z.size else 0.0
     if rms <= SCATTER + SPOILT_ERRORS / np.sqrt(2 * max(z.size, 1)):
         return ""
-    return f"{z.size} answers to other noise scatter by {rms:.2g} of their sigma."
+    return f"The {z.size} answers to other noise scatter by {rms:.2g} of their sigma."
 
 
 def repeats(run: Run, maker: Maker) -> str:
