@@ -52,8 +52,7 @@ def generate(
         truth_electrons: Store the noise-free expectation of every sample, too.
         truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered
             repeatedly (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
-        sealed: File of a secret key: captures of a suite with seeds that nobody knows, stored without truth
-            (docs/challenges.md).
+        sealed: File of a secret key: captures of a suite with seeds that nobody knows, without truth (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
             where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in this folder.
@@ -64,8 +63,7 @@ def generate(
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (an entry per capture), `paths` (stores), of a data set `outline` and `made`; with `like` `comparison`,
-    `differing` and `equal`.
+    Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`; with `like` `comparison`, `differing`, `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
@@ -73,13 +71,12 @@ def generate(
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
-    given = {
+    given: dict[str, Any] = {
         "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
         "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
-    _check_request(source, place, resume, overwrite)
     return _made_of(source, changes, given, _How(plan, workers, place, resume, overwrite, progress))
 
 
@@ -101,6 +98,7 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
     from ..scenes.datasets.load import is_dataset
     from ..scenes.errors import InputError
 
+    _check_request(source, how.out, how.resume, how.overwrite)
     key = None if given["--sealed"] is None else read_key(given["--sealed"])
     names = ("fidelity", "rtol", "truth_electrons", "truth_components")
     asked = {name: given["--" + name.replace("_", "-")] for name in names}
@@ -111,7 +109,8 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
         return _data_set(source, changes | own, given["--seeds"], how)
     if how.workers is not None:
         raise InputError("Only a data set is made by several workers.", where="--workers", value=how.workers)
-    groups = items_of(source, changes, given["--seeds"], *asked.values(), key)
+    rung, rtol, electrons, components = asked.values()
+    groups = items_of(source, changes, given["--seeds"], rung, rtol, electrons, components, key)
     return _make(str(source), groups, how.plan, how.out, how.resume, how.overwrite, how.progress)
 
 

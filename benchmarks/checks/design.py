@@ -84,13 +84,13 @@ def _rms(sums: Float) -> float:
 
 def _even(best: Option, scene: Scene) -> dict[str, Any]:
     """The chosen design with its slices evenly over the span of the scene's own delays."""
-    own = scene.rig.delays.settings_s  # type: ignore[union-attr]
+    own = scene.rig.delays.settings_s  # type: ignore[attr-defined]
     values = np.linspace(own.min(), own.max(), len(best.overrides["rig.delays"]["values_s"]))
     return {**best.overrides, "rig.delays": {"kind": "listed", "values_s": values.tolist()}}
 
 
 def _width(scene: Scene) -> float:
-    gate = scene.rig.gates[0]  # type: ignore[union-attr]
+    gate = scene.rig.gates[0]  # type: ignore[attr-defined]
     return float(getattr(gate, "width_s", None) or gate.fwhm_s)
 
 
@@ -103,7 +103,7 @@ def compared(
     width = _width(scene)
     allow = ("slices=6,8", "gate-width=" + ",".join(str(width * one) for one in widths))
     found = designed(scene, budget=budget, allow=allow, fidelity=fidelity)
-    pulses = max(round(scene.rig.pulses_per_slice * budget), 1)  # type: ignore[union-attr]
+    pulses = max(round(scene.rig.pulses_per_slice * budget), 1)  # type: ignore[attr-defined]
     own, answered = squares(scene, {"rig.pulses_per_slice": pulses}, seeds, fidelity)
     chosen, also = squares(scene, found.best.overrides, seeds, fidelity)
     even, _ = squares(scene, _even(found.best, scene), seeds[:1], fidelity)

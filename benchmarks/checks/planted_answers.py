@@ -62,14 +62,14 @@ def returns_a_proxy(capture: xr.Dataset) -> Any:
     return made()
 
 
-class _Raises(xr.Dataset):
+class _Raises(xr.Dataset):  # type: ignore[no-untyped-call]
     __slots__ = ()
 
     def __getitem__(self, name: Any) -> NoReturn:
         raise SystemExit(0)
 
 
-class _Changes(xr.Dataset):
+class _Changes(xr.Dataset):  # type: ignore[no-untyped-call]
     __slots__ = ()
 
     def __getitem__(self, name: Any) -> Any:

@@ -320,7 +320,8 @@ def _chosen(posed: _Posed, count: int, total: float) -> Float:
         at = min((exchanged(parts, np.concatenate(share), one) for one in (start, at)), key=lambda pair: pair[1])[0]
         if posed.bank.distance(grid[at], pulses, posed.margin_m) >= _LEAST:
             break
-    return np.round(grid[at], 12)
+    rounded: Float = np.round(grid[at], 12).astype(np.float64)
+    return rounded
 
 
 def _option(scene: Scene, posed: _Posed, kind: str, delay: Float, total: float, gate: Mapping[str, Any]) -> Option:

@@ -46,7 +46,7 @@ def _bounds(found: Designed) -> Any:
     colour = alt.Scale(
         domain=["chosen", "the scene's own", "allowed", "not allowed"], range=[_CHOSEN, _OWN, "#475569", _OTHER]
     )
-    base = alt.Chart(alt.Data(values=rows)).encode(
+    base = alt.Chart(alt.InlineData(values=rows)).encode(
         x=alt.X("bound:Q", scale=alt.Scale(type="log"), title=f"rms bound of {found.quantity} [{found.unit}]"),
         y=alt.Y("design:N", sort=None, title=None, axis=alt.Axis(labelLimit=260)),
         color=alt.Color("kind:N", scale=colour, title=None),
@@ -64,7 +64,9 @@ def _curve(found: Designed) -> Any:
     import altair as alt
 
     curve = found.curve
-    line = alt.Chart(alt.Data(values=[{"x": float(x), "y": float(y)} for x, y in zip(curve.x, curve.y, strict=True)]))
+    line = alt.Chart(
+        alt.InlineData(values=[{"x": float(x), "y": float(y)} for x, y in zip(curve.x, curve.y, strict=True)])
+    )
     layers: list[Any] = [
         line.mark_line(color="#0f172a").encode(
             x=alt.X("x:Q", title=curve.x_title, scale=alt.Scale(zero=False)), y=alt.Y("y:Q", title=curve.y_title)
@@ -73,7 +75,7 @@ def _curve(found: Designed) -> Any:
     for name, places in curve.marks.items():
         own = name == found.own.name
         marks = [{"x": float(place), "design": name} for place in places]
-        rule = alt.Chart(alt.Data(values=marks)).mark_tick(
+        rule = alt.Chart(alt.InlineData(values=marks)).mark_tick(
             color=_OWN if own else _CHOSEN, thickness=1.5, size=14 if own else 26
         )
         layers.append(rule.encode(x="x:Q", y=alt.value(212 if own else 190)))

@@ -92,7 +92,8 @@ def cells_of(table: pd.DataFrame) -> list[Cell]:
         "estimator",
         "params",
     ]
-    groups = _Groups(table, table.groupby(keys, sort=False).ngroup().to_numpy(np.int64))
+    code: npt.NDArray[np.int64] = np.asarray(table.groupby(keys, sort=False).ngroup(), np.int64)
+    groups = _Groups(table, code)
     return [_cell(groups, k) for k in range(groups.count)]
 
 

@@ -33,7 +33,7 @@ def text_chart(place: Place, *, width: int = 60, height: int = 14) -> list[str]:
     shown = _shown(place)
     if not shown:
         return []
-    cost, error = ([math.log10(value(one)) for one in shown] for value in (lambda s: s.cpu_s, lambda s: s.rmse))
+    cost, error = [math.log10(one.cpu_s) for one in shown], [math.log10(one.rmse) for one in shown]
     grid = [[" "] * width for _ in range(height)]
     letters = iter("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ")
     names = []
@@ -62,7 +62,7 @@ def save_place(place: Place, label: str, path: Path) -> None:
     check_chart_path(path)
     rows = [{"estimator": one.label, "error": one.rmse, "time": one.cpu_s, "own": one.own} for one in _shown(place)]
     title = f"{label} among the built-in estimators of its stage"
-    base = alt.Chart(alt.Data(values=rows)).encode(
+    base = alt.Chart(alt.InlineData(values=rows)).encode(
         x=alt.X("time:Q", scale=alt.Scale(type="log"), title="CPU time of an element [s]"),
         y=alt.Y("error:Q", scale=alt.Scale(type="log"), title=f"rms error of {place.quantity} [{place.unit}]"),
         tooltip=["estimator:N", "error:Q", "time:Q"],
@@ -75,7 +75,7 @@ def save_place(place: Place, label: str, path: Path) -> None:
     texts = base.mark_text(align="left", dx=7, fontSize=10).encode(text="estimator:N", color=own)
     layers: list[Any] = [points, texts]
     if place.bound > 0:
-        line = alt.Chart(alt.Data(values=[{"bound": place.bound, "what": "bound"}]))
+        line = alt.Chart(alt.InlineData(values=[{"bound": place.bound, "what": "bound"}]))
         layers.append(line.mark_rule(strokeDash=[4, 3], color="#64748b").encode(y="bound:Q"))
     spec = finished(alt.layer(*layers).properties(width=_WIDTH, height=_HEIGHT, title=title), page=False)
     if path.suffix.lower() == ".png":
