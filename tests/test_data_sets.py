@@ -111,7 +111,7 @@ def test_a_job_that_ends_three_workers_is_set_aside(
     command = _PLANTED.format(mark=str(tmp_path / "mark"), at=13, once=False, what=what)
     with monkeypatch.context() as planted:
         planted.setattr(crew, "_COMMAND", command)
-        with pytest.raises(InputError, match=r"1 shards.*could not be made") as caught:
+        with pytest.raises(InputError, match="could not be made") as caught:
             made(tmp_path / "out")
     assert "shard 1 (captures 10 … 19)" in str(caught.value)
     assert "it ended 3 workers" in str(caught.value)

@@ -37,6 +37,11 @@ COMPOSED = {
     ("scenes/validate.py", "what"): "one of the sentences of the function that raises it",
     ("estimators/registry.py", "why"): "one of the reasons in the table WITHHELD, which are sentences",
     ("captures/store/writer.py", "error.what"): "an InputError raised again, with one more next step",
+    ("scenes/datasets/expressions.py", "what"): "one of the sentences of the class that raises it",
+    (
+        "benchmarks/datasets/crew.py",
+        "words['what']",
+    ): "an InputError raised again in the parent process, from its own parts",
     ("benchmarks/laws/trial.py", "**"): "an InputError raised again in the parent process, from its own parts",
 }
 

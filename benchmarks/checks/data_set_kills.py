@@ -55,13 +55,15 @@ def data_set_kills(rounds: int, shards: int, workers: int = 1, seed: int = 1) ->
         began = time.monotonic()
         _run(file, base / "whole", workers)
         longest = _SHARE * (time.monotonic() - began)
-        while part.tries < rounds:
+        kills = 0
+        while kills < rounds:
             if (base / "broken").exists():  # complete before all rounds were made: compared, and begun again
                 _compare(part, base, shards)
                 shutil.rmtree(base / "broken")
-            number = part.tries
+            number = kills
             how = _round(file, base / "broken", workers, float(rng.uniform(0.0, longest)), number % 3 == 2, rng)
             problem = _damage(base / "broken")
+            kills += bool(how or problem)
             if problem:
                 part.failed(f"round {number}: {problem}")
             elif how:

@@ -64,6 +64,7 @@ class Task:
     tries: int = 0
     done: dict[str, Any] | None = None
     lost: str = ""
+    error: InputError | None = None
     told: list[str] = field(default_factory=list)
 
 
@@ -211,7 +212,8 @@ class Crew:
             task.done = told["done"]
             return task
         if "refused" in told:
-            task.lost = str(_error(told["refused"]))
+            task.error = _error(told["refused"])
+            task.lost = str(task.error)
             return task
         return self._tried(task, str(told.get("failed", "")).strip().splitlines()[-1:], "failed")
 

@@ -332,10 +332,12 @@ def _time_text(seconds: float) -> str:
 
 
 def _incomplete(lost: list[Task], partial: Path) -> InputError:
-    told = [f"{one.name}: {one.lost}".replace("\n", "\n    ") for one in lost[:8]]
+    told = [f"{one.name}: {one.lost}".replace("\n", "\n             ") for one in lost[:8]]
     more = [f"and {len(lost) - 8} more"] if len(lost) > 8 else []
     return InputError(
-        "\n".join([f"{len(lost)} shards of the data set could not be made; all others are complete.", *told, *more]),
-        where=str(partial),
-        next_step=f"mend the cause, then --resume; `beambench data finalize {partial}` keeps the others",
-    )
+        "Some shards of the data set could not be made; all others are complete.", where=str(partial),
+        value=f"{len(lost)} shards",
+        next_step="\n           ".join([
+            f"mend the cause, then --resume; `beambench data finalize {partial}` keeps the others. The causes:", *told, *more
+        ]),
+    )  # fmt: skip

@@ -70,7 +70,9 @@ def pilot(draws: Draws, captures: int = _PILOT, told: Callable[[int], None] = la
             task = Task(f"pilot of {group}", {"kind": "probe", "rows": rows})
             for ended in crew.run([task], told):
                 if ended.done is None:
-                    raise InputError(f"The pilot failed: {ended.lost}", where=ended.name, next_step="beambench doctor")
+                    raise ended.error or InputError(
+                        "The pilot failed.", where=ended.name, value=ended.lost, next_step="beambench doctor"
+                    )
                 found[group] = _pilot_of(group, ended.done)
     return found
 

@@ -50,7 +50,7 @@ def read_request(root: Path) -> dict[str, Any]:
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             problem = error
     raise InputError(
-        f"The record of what the data set was asked for is damaged, and so is its copy: {problem}.", where=str(root / DATASET),
+        f"The record of the data set's request is damaged, and so is its copy: {problem}.", where=str(root / DATASET),
         next_step="generate it anew",
     )  # fmt: skip
 

@@ -33,7 +33,7 @@ class Parameter(Spec):
 
     def value(self, u: float) -> Any:
         """The value at the quantile u of (0, 1)."""
-        raise NotImplementedError
+        raise TypeError(f"a {type(self).__name__} is not drawn by a quantile")
 
 
 class _Between(Parameter):
