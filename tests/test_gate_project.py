@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -53,6 +54,17 @@ def test_every_option_that_guide_and_workflow_name_exists(project: Path, example
     options = {option for command in typed for option in re.findall(r"--[a-z-]+", command)}
     assert {"--baseline", "--against", "--junit", "--update"} <= options
     assert {f"gate {option}" for option in options} <= known
+
+
+def test_the_baseline_of_this_projects_own_gate_is_that_of_its_suite(project: Path) -> None:
+    from beambench.benchmarks.suites.suite import cells_of, load_suite
+
+    loaded = load_suite(project / ".ci" / "gate" / "suite.toml")
+    baseline = json.loads((project / ".ci" / "gate" / "baseline.json").read_text(encoding="utf-8"))
+    assert (baseline["suite"], baseline["suite_version"]) == (loaded.suite.suite, loaded.suite.version)
+    assert len(baseline["cells"]) == len(cells_of(loaded)) and len({scene.modality for _, scene in loaded.scenes}) == 5
+    script = (project / ".ci" / "run").read_text(encoding="utf-8")
+    assert ".ci/gate/suite.toml" in script and ".ci/gate/baseline.json" in script
 
 
 def _run(folder: Path, *command: str, path: str = "") -> subprocess.CompletedProcess[str]:
