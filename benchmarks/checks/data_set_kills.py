@@ -79,7 +79,7 @@ def _compare(part: Attempts, base: Path, shards: int) -> None:
 
 
 def _data_set(shards: int) -> dict[str, Any]:
-    wall = {"scene": "amcw", "overrides": {"rig.shots": 4}}
+    wall = {"scene": "counter", "overrides": {"rig.record.shots": 4}}
     turn = {"kind": "uniform", "low": 0.05, "high": 0.9, "paths": ["target.0.material.albedo"]}
     return {
         "schema_version": 1, "dataset": "kills", "captures": shards * _PER_SHARD, "per_shard": _PER_SHARD, "seed": 1,
