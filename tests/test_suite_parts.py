@@ -106,6 +106,18 @@ def test_a_sweep_measures_a_stress_on_its_scenes(folder: Path) -> None:
         ({}, {"seeds": {"test": [5]}}, "both.json: seeds"),
         ({}, {"rtol": 0.1}, "both.json: rtol"),
         ({}, {"scenes": [{"scene": "counter", "name": "far"}]}, "both.json: scenes"),
+        ({}, {"scenes": 3}, "counters.json: scenes"),
+        ({}, {"scenes": ["counter", 3]}, "counters.json: scenes.1"),
+        ({}, {"scenes": [{"overrides": {}}]}, "counters.json: scenes.0.scene"),
+        ({}, {"scenes": [{"scene": "counter", "overrides": 3}]}, "counters.json: scenes.0.overrides"),
+        ({}, {"scens": ["counter"]}, "counters.json: scens"),
+        ({}, {"estimators": [["peak"]]}, "counters.json: estimators.0"),
+        ({}, {"estimators": 3}, "counters.json: estimators"),
+        ({}, {"stresses": [4]}, "counters.json: stresses.0"),
+        ({}, {"draws": [{"axis": "distance", "low": -0.1, "high": 0.1, "scenes": 3}]}, "counters.json: draws.0.scenes"),
+        ({}, {"conditions": 3}, "counters.json: conditions"),
+        ({}, {"calibration": 3}, "counters.json: calibration"),
+        ({"calibration": 3}, {"calibration": {"pulse_photoelectrons": 10.0}}, "calibration"),
     ],
 )
 def test_what_does_not_fit_is_refused(folder: Path, own: dict[str, Any], other: dict[str, Any], where: str) -> None:

@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.validate import validate_spec
+from .spec import Suite
 
 __all__ = ["without_parts"]
 
@@ -33,8 +35,8 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
         data: data of the suite. where: the suite, for messages. read: name of a part -> its data, without variants.
 
     Raises:
-        InputError: a part has parts itself, two parts have a scene of one name or disagree on what a suite has once, or the joint
-            suite lists scenes or estimators of its own.
+        InputError: a part is no suite or has parts itself, two parts have a scene of one name or disagree on what a suite has once,
+            or the joint suite lists scenes or estimators of its own.
     """
     if "parts" not in data:
         return dict(data)
@@ -53,6 +55,8 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
     for name, part in parts.items():
         if "parts" in part:
             raise InputError("A part of a suite has no parts itself.", where=f"{where}: parts", value=name)
+        # A part is a whole suite but for what the joint suite states. Unknown keys of it would be lost in silence below.
+        validate_spec(Suite, {key: data[key] for key in (*_ONCE, "calibration") if key in data} | part, name)
     if data.get("stresses"):
         raise InputError("A suite with parts has no stresses of its own.", where=f"{where}: stresses",
                          allowed="stresses = [], which leaves out those of the parts")  # fmt: skip
@@ -60,7 +64,8 @@ def without_parts(data: Mapping[str, Any], where: str, read: Callable[[str], Map
     missing = [key for key in _ONCE if key not in data and any(key in part for part in parts.values())]
     result |= {key: _agreed(key, parts, where) for key in missing}
     result.setdefault("conditions", list(dict.fromkeys(one for part in parts.values() for one in _conditions(part))))
-    calibration = _calibration(parts, where) | dict(data.get("calibration", {}))
+    own = data.get("calibration", {})
+    calibration = _calibration(parts, where) | dict(own) if isinstance(own, Mapping) else own
     result |= {"calibration": calibration} if calibration else {}
     result["scenes"] = [entry for part in parts.values() for entry in _scenes(part)]
     result["estimators"] = list(dict.fromkeys(label for part in parts.values() for label in part["estimators"]))

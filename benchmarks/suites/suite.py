@@ -169,13 +169,17 @@ def _part(name: str, folder: Path) -> dict[str, Any]:
     """The data of a part of a suite, by its name or its file, with variants written out and the paths in it resolved."""
     path = find_spec_file(_anchor(name, folder), SUITES, kind="suite", next_step="beambench run quickstart")
     data = without_variants(read_spec_file(path), name)
-    entries = [{"scene": item} if isinstance(item, str) else item for item in data.get("scenes", ())]
-    return data | {"scenes": [_anchored(entry, path.parent) for entry in entries if isinstance(entry, dict)]}
+    scenes = data.get("scenes")
+    if not isinstance(scenes, list | tuple):
+        return data  # validation refuses it, and entries of another form
+    entries = [{"scene": item} if isinstance(item, str) else item for item in scenes]
+    return data | {"scenes": [_anchored(one, path.parent) if isinstance(one, dict) else one for one in entries]}
 
 
 def _anchored(entry: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    changes = {"overrides": anchored_overrides(entry["overrides"], folder)} if "overrides" in entry else {}
-    return {**entry, **changes, "scene": _anchor(str(entry.get("scene", "")), folder)}
+    changes, scene = entry.get("overrides"), entry.get("scene")
+    held = {"overrides": anchored_overrides(changes, folder)} if isinstance(changes, dict) else {}
+    return {**entry, **held, **({"scene": _anchor(scene, folder)} if isinstance(scene, str) else {})}
 
 
 def _anchor(name: str, folder: Path) -> str:
