@@ -18,7 +18,7 @@ from beambench.benchmarks.datasets import crew
 from beambench.benchmarks.datasets.crew import cores_usable
 from beambench.benchmarks.datasets.jobs import Jobs, identity_of, shard_length
 from beambench.benchmarks.datasets.large import make_dataset
-from beambench.benchmarks.datasets.outline import check_parts, staff
+from beambench.benchmarks.datasets.outline import check_parts, pilot, staff
 from beambench.benchmarks.folders.progress import silent
 from beambench.captures import finalize, open_captures, repair, verify
 from beambench.generator.generate import generate
@@ -186,6 +186,16 @@ def test_an_impossible_scene_is_named_and_the_rest_kept(tmp_path: Path) -> None:
         made(tmp_path / "out", source=source)
     assert "is impossible" in str(caught.value)
     assert "r = 90.0" in str(caught.value)
+
+
+def test_an_impossible_scene_of_the_pilot_is_told_as_the_input_s_own_error() -> None:
+    source = tiny(parameters={"a": {"kind": "expression", "text": "1 / 0", "paths": ["rig.ambient_e_per_s"]}})
+    source.pop("split", None)
+    with pytest.raises(InputError, match="An expression has no value") as caught:
+        pilot(load_dataset(source))
+    error = caught.value
+    assert error.where == "parameters.a.text"
+    assert "pilot" not in str(error) and "doctor" not in str(error)
 
 
 def test_the_plan_and_the_verbs(store: Path, tmp_path: Path) -> None:

@@ -144,7 +144,9 @@ def test_every_modality_has_designs_or_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("bad", "word"),
     [({"budget": 0.0}, "range"), ({"margin_m": -1.0}, "range"), ({"allow": ["slice=4"]}, "no such setting"),
-     ({"allow": ["slices=four"]}, "numbers"), ({"allow": ["slices=4.5"]}, "numbers")],
+     ({"allow": ["slices=four"]}, "numbers"), ({"allow": ["slices=4.5"]}, "numbers"), ({"allow": ["slices=1e9"]}, "numbers"),
+     ({"allow": ["slices=inf"]}, "numbers"), ({"margin_m": 1e9}, "to the camera"),
+     ({"margin_m": 900.0, "overrides": {"target.0.shape.center_m": [0, 0, 1000.0]}}, "too long")],
 )  # fmt: skip
 def test_bad_arguments_are_refused(bad: dict[str, object], word: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=word):

@@ -50,6 +50,8 @@ _SPREAD = (0.0, 0.02, 0.1, 0.5)
 _SLICES = (4, 6, 8, 12, 16, 24, 32)
 #: Relative errors of the tabulated R, and of the light: a bound is half as wrong.
 _RTOL, _LIGHT = 1e-5, 0.02
+#: Places of a delay: six numbers are kept for each and every element.
+_MOST_PLACES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +150,7 @@ def bank_of(scene: Scene, ask: Ask, gate: Mapping[str, Any]) -> Bank:
     # An echo at t is seen by delays about t − u, u where R is greatest.
     top = table.start_s + table.step_s * float(np.argmax(table.value))
     wide = _REACH * width + (0.0 if ask.margin_m is None else ask.margin_m * float(by_range.max()))
+    _check_margin(ask.margin_m, float(truth.ravel()[chosen].min()), (np.ptp(t) + 2.0 * wide) * _PER_WIDTH / width)
     grid = np.arange(t.min() - wide - top, t.max() + wide - top, width / _PER_WIDTH)
     detector = rig.detector
     dark = detector.dark_current_e_per_s * detector.exposure_s if detector.intensifier is None else 0.0
@@ -157,6 +160,21 @@ def bank_of(scene: Scene, ask: Ask, gate: Mapping[str, Any]) -> Bank:
     )  # fmt: skip
     bank = replace(bank, grid_s=grid)
     return bank if ask.fidelity in (None, "direct") else _traced(held_scene, ask, bank, chosen)
+
+
+def _check_margin(margin_m: float | None, nearest_m: float, places: float) -> None:
+    """Refuse a margin that brings the target to the camera, and a window too long to be searched. Raises InputError."""
+    if margin_m is not None and margin_m >= nearest_m:
+        raise InputError(
+            "The margin brings the target to the camera.", where="margin_m", value=margin_m,
+            allowed=f"below {nearest_m:.6g} m, the range of the nearest pixel",
+        )  # fmt: skip
+    if places > _MOST_PLACES:
+        raise InputError(
+            "The window is too long for this response: delays are looked for at each twelfth of its width.", where="margin_m",
+            value=margin_m, allowed=f"up to {_MOST_PLACES} places, here {places:.3g}",
+            next_step="choose a smaller margin, a wider gate, or a scene of less depth",
+        )  # fmt: skip
 
 
 def _ambient(lamp: xr.Dataset, dark: float) -> float:

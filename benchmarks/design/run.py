@@ -21,6 +21,10 @@ from .result import Designed
 
 __all__ = ["designed", "designs_of", "write_design"]
 
+#: Delays are exchanged one after the other, over a grid: more of them than any camera takes would never end.
+_MOST_SLICES = 512
+_LEAST_BUDGET = 1e-9
+
 
 def designs_of(scene: Scene) -> Designs:
     """The record of a scene's modality. Raises InputError for one that has no designs."""
@@ -62,11 +66,14 @@ def designed(
 
 
 def _check(budget: float, margin_m: float | None) -> None:
-    for name, value, least in (("budget", budget, 1e-9), ("margin_m", 0.0 if margin_m is None else margin_m, 0.0)):
+    for name, value, least in (
+        ("budget", budget, _LEAST_BUDGET),
+        ("margin_m", 0.0 if margin_m is None else margin_m, 0.0),
+    ):
         if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
             raise InputError(
                 "A number of the design is out of range.", where=name, value=value,
-                allowed="above 0" if least else "0 or more",
+                allowed=f"{least:g} or more, finite",
             )  # fmt: skip
 
 
@@ -85,11 +92,12 @@ def _allowed(allow: Sequence[str], knobs: Sequence[Knob]) -> dict[str, tuple[flo
             values = tuple(sorted({float(one) for one in rest.split(",")}))
         except ValueError:
             values = ()
-        whole = known[name].unit != "1" or all(one == int(one) and one >= 2 for one in values if math.isfinite(one))
+        counts = known[name].unit == "1"
+        whole = not counts or all(2 <= one <= _MOST_SLICES and one == int(one) for one in values)
         if not values or not all(map(math.isfinite, values)) or not whole:
             raise InputError(
                 "The values of a setting are numbers.", where=f"allow: {name}", value=rest,
-                allowed="whole numbers from 2 on" if known[name].unit == "1" else f"numbers in {known[name].unit}",
+                allowed=f"whole numbers from 2 to {_MOST_SLICES}" if counts else f"numbers in {known[name].unit}",
             )  # fmt: skip
         found[name] = values
     return found
