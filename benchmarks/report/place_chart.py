@@ -11,12 +11,17 @@ from ...scenes.errors import InputError
 from ..folders.files import write_atomic
 from ..laws.place import Place, Standing
 from .charts import finished
+from .layout import HEIGHT, log_domain, log_ticks, place_labels
 
 __all__ = ["KINDS", "check_chart_path", "save_place", "text_chart"]
 
 #: Endings of the file of a chart.
 KINDS = (".png", ".html")
-_WIDTH, _HEIGHT = 480, 320
+_WIDTH = 480
+_FIT = (
+    '<meta name="viewport" content="width=device-width, initial-scale=1">'
+    "<style>#vega-chart { width: 100%; max-width: 900px; }</style>"
+)
 
 
 def check_chart_path(path: Path) -> None:
@@ -60,29 +65,58 @@ def save_place(place: Place, label: str, path: Path) -> None:
     import vl_convert as vlc
 
     check_chart_path(path)
-    rows = [{"estimator": one.label, "error": one.rmse, "time": one.cpu_s, "own": one.own} for one in _shown(place)]
+    page = path.suffix.lower() == ".html"
     title = f"{label} among the built-in estimators of its stage"
+    size = {"width": "container" if page else _WIDTH, "height": HEIGHT, "title": title}
+    spec = finished(alt.layer(*_layers(place)).properties(**size), page=False)
+    if page:
+        # The width of the window, and on a phone its true one.
+        text = vlc.vegalite_to_html(spec, bundle=True)
+        data = text.replace("<head>", f"<head>{_FIT}", 1).encode("utf-8")
+    else:
+        data = vlc.svg_to_png(vlc.vegalite_to_svg(spec), scale=2.0)
+    write_atomic(path, lambda file: _write(file, data))
+
+
+def _layers(place: Place) -> list[Any]:
+    """Points, their names, placed so that none covers another, and the bound."""
+    import altair as alt
+
+    rows: list[dict[str, Any]] = [
+        {
+            "label": one.label,
+            "text": one.label,
+            "error": one.rmse,
+            "cpu": 1e6 * one.cpu_s,
+            "own": one.own,
+            "front": one.own,
+        }
+        for one in _shown(place)
+    ]
+    cpus, errors = [row["cpu"] for row in rows] or [1.0], [row["error"] for row in rows] or [1.0]
+    errors = errors + [place.bound] * (place.bound > 0)
+    place_labels(rows, cpus, errors)
+    (x0, x1), (y0, y1) = log_domain(cpus), log_domain(errors)
     base = alt.Chart(alt.InlineData(values=rows)).encode(
-        x=alt.X("time:Q", scale=alt.Scale(type="log"), title="CPU time of an element [s]"),
-        y=alt.Y("error:Q", scale=alt.Scale(type="log"), title=f"rms error of {place.quantity} [{place.unit}]"),
-        tooltip=["estimator:N", "error:Q", "time:Q"],
-    )
+        x=alt.X("cpu:Q", title="CPU time of an element [µs]", scale=alt.Scale(type="log", domain=[x0, x1], nice=False),
+                axis=alt.Axis(values=log_ticks(x0, x1), format="~g")),
+        y=alt.Y("error:Q", title=f"rms error of {place.quantity} [{place.unit}]",
+                scale=alt.Scale(type="log", domain=[y0, y1], nice=False),
+                axis=alt.Axis(values=log_ticks(y0, y1), format="~g")),
+        tooltip=["label:N", "error:Q", "cpu:Q"],
+    )  # fmt: skip
     own = alt.condition("datum.own", alt.value("#c2410c"), alt.value("#475569"))
     points = base.mark_point(filled=True, opacity=1.0).encode(
         color=own, size=alt.condition("datum.own", alt.value(140), alt.value(50)),
         shape=alt.condition("datum.own", alt.value("diamond"), alt.value("circle")),
     )  # fmt: skip
-    texts = base.mark_text(align="left", dx=7, fontSize=10).encode(text="estimator:N", color=own)
+    side = {key: alt.expr(f"datum.{key}") for key in ("align", "dx", "dy")}
+    texts = base.mark_text(baseline="middle", fontSize=10, **side).encode(text="text:N", color=own)
     layers: list[Any] = [points, texts]
     if place.bound > 0:
-        line = alt.Chart(alt.InlineData(values=[{"bound": place.bound, "what": "bound"}]))
-        layers.append(line.mark_rule(strokeDash=[4, 3], color="#64748b").encode(y="bound:Q"))
-    spec = finished(alt.layer(*layers).properties(width=_WIDTH, height=_HEIGHT, title=title), page=False)
-    if path.suffix.lower() == ".png":
-        data = vlc.svg_to_png(vlc.vegalite_to_svg(spec), scale=2.0)
-    else:
-        data = vlc.vegalite_to_html(spec, bundle=True).encode("utf-8")
-    write_atomic(path, lambda file: _write(file, data))
+        line = alt.Chart(alt.InlineData(values=[{"error": place.bound}]))
+        layers.append(line.mark_rule(strokeDash=[4, 3], color="#64748b").encode(y="error:Q"))
+    return layers
 
 
 def _write(path: Path, data: bytes) -> None:
