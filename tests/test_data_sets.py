@@ -158,6 +158,9 @@ def test_a_store_grows(store: Path, tmp_path: Path) -> None:
         made(work, resume=True, source=tiny(seed=4))
     with pytest.raises(InputError, match="output exists"):
         made(work)
+    with pytest.raises(InputError, match="would be lost"):
+        made(work, resume=True)
+    assert len(open_captures(work)) == 45
 
 
 def test_every_modality(tmp_path: Path) -> None:

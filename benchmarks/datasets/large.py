@@ -53,8 +53,8 @@ def make_dataset(
             grow. overwrite: replace a store. tell: receives the progress.
 
     Raises:
-        InputError: an output that exists, or is of another data set; an impossible scene; a job that ended three workers (all
-            others are done, and kept); a disk that is full (what is complete is kept).
+        InputError: an output that exists, is of another data set, or has more captures than are asked for; an impossible scene; a
+            job that ended three workers (all others are done, and kept); a disk that is full (what is complete is kept).
     """
     from ...captures.store.publish import disk_error, partial_of, refuse_existing
     from ...captures.store.shard_manifest import is_sharded, load_sharded
@@ -64,6 +64,11 @@ def make_dataset(
     if resume and is_sharded(out):
         manifest = load_sharded(out)
         _check_identity(out, manifest.facts.get("identity"), identity)
+        if manifest.count > draws.data.captures:
+            raise InputError(
+                "The data set there has more captures, which would be lost.", where=str(out), value=draws.data.captures,
+                allowed=f"{manifest.count} or more", next_step="choose another --out, or give --overwrite",
+            )  # fmt: skip
     if resume and is_sharded(out) and not partial.exists():
         if manifest.count == draws.data.captures:
             return Made(out, manifest.content, manifest.count, kept=manifest.count)
