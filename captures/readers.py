@@ -56,6 +56,7 @@ class Captures:
         part: str | None = None,
         transform: Callable[[Sample], Any] = _identity,
     ) -> None:
+        names = (names,) if isinstance(names, str) else names
         self.path, self.names, self.part, self.transform = Path(path), names, part, transform
         self._opened: tuple[int, CaptureSet] | None = None
         captures = self.captures
@@ -139,11 +140,27 @@ class CaptureStream:
         self.epoch, self._given = epoch, 0
 
     def state(self) -> dict[str, int]:
-        """The position: the epoch, and how many captures of it this process was given."""
-        return {"epoch": self.epoch, "given": self._given}
+        """The position: the epoch, how many captures of it this process was given, and what names their order."""
+        return {"epoch": self.epoch, "given": self._given} | self._named()
+
+    def _named(self) -> dict[str, int]:
+        return {"seed": self.seed, "buffer": self.buffer, "rank": self.rank, "world": self.world}
 
     def load_state(self, state: Mapping[str, int]) -> None:
-        """Go on from a position. No capture before it is read again."""
+        """Go on from a position. No capture before it is read again.
+
+        Raises InputError: it is no position, or one in another order, where some captures would come twice and others never.
+        """
+        named = self._named()
+        if not isinstance(state, Mapping) or not {"epoch", "given", *named} <= set(state):
+            raise InputError(
+                "This is no position of a stream.", where="load_state", value=state, allowed="what `state()` gave"
+            )
+        if any(state[key] != value for key, value in named.items()):
+            raise InputError(
+                "The position is of another order.", where="load_state", value={key: state[key] for key in named},
+                allowed=str(named), next_step="make the stream with the values of the position",
+            )  # fmt: skip
         self.epoch, self._given = int(state["epoch"]), int(state["given"])
 
     def __iter__(self) -> Iterator[Any]:

@@ -86,6 +86,15 @@ def test_a_position_is_gone_on_from(store: Path) -> None:
     later = CaptureStream(store, seed=3, buffer=5)
     later.load_state(copy.deepcopy(state))
     assert begin + [number(one) for one in later] == whole
+    with pytest.raises(InputError, match="another order"):
+        CaptureStream(store, seed=4, buffer=5).load_state(state)
+    for wrong in ({}, 3, {"epoch": 0, "given": 1}):
+        with pytest.raises(InputError, match="no position"):
+            later.load_state(wrong)  # type: ignore[arg-type]
+
+
+def test_one_name_alone_is_a_variable(store: Path) -> None:
+    assert list(Captures(store, "truth_range")[0]) == ["truth_range"]
 
 
 def test_batches_are_stacked(store: Path) -> None:
