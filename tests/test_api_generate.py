@@ -284,3 +284,9 @@ def test_a_scene_file_reads_nothing_outside_its_folder(
         assert "of a scene file should lie in its folder" in capsys.readouterr().err
     # A path that the user gives is the user's own, and replaces the file's before that is looked at.
     assert told("../outside.npy", "--set", f"target.0.shape.file={outside}") == 0
+
+
+def test_an_unknown_name_may_be_that_of_a_data_set(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="scene, suite or data set") as found:
+        beambench.generate("gated-10k", plan=True, out=tmp_path / "no")
+    assert "gated-1k" in found.value.next_step

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,6 +53,24 @@ def is_suite(source: Any) -> bool:
     return str(source) in list_suites() and str(source) not in list_scenes()
 
 
+def _check_name(source: Any) -> None:
+    """Refuse a name that is no scene's, and say what else it may be. Raises InputError."""
+    from ...scenes.datasets.spec import list_datasets
+    from ...scenes.load import list_scenes
+    from ..suites.suite import list_suites
+
+    known = {"scenes": list_scenes(), "suites": list_suites(), "data sets": list_datasets()}
+    names = [name for some in known.values() for name in some]
+    if not isinstance(source, str | Path) or Path(source).expanduser().is_file() or str(source) in names:
+        return
+    near = difflib.get_close_matches(str(source), names, n=3, cutoff=0.4)
+    raise InputError(
+        "There is no such scene, suite or data set.", where="source", value=str(source),
+        allowed="; ".join(["a path to a .toml or .json file", *(f"{kind}: {', '.join(some)}" for kind, some in known.items())]),
+        next_step=f"did you mean {' or '.join(near)}?" if near else "beambench scenes list",
+    )  # fmt: skip
+
+
 def items_of(
     source: Any,
     overrides: dict[str, Any],
@@ -99,6 +118,7 @@ def items_of(
     elif key is not None:
         raise InputError("Only a suite can be sealed.", where="--sealed", value=str(source), next_step="name a suite")
     else:
+        _check_name(source)
         numbers = _seeds(seeds)
         scene = load_scene(source, overrides)
         aimed = 1e-3 if rtol is None else rtol
