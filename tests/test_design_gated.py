@@ -154,6 +154,17 @@ def test_bad_arguments_are_refused(bad: dict[str, object], word: str, tmp_path: 
     assert not (tmp_path / "no").exists()
 
 
+def test_a_length_is_above_zero(tmp_path: Path) -> None:
+    for scene, allow in (
+        ("gated-turbulence", "pitch=0"),
+        ("spotscan-wall", "baseline=-0.1"),
+        ("flat-wall", "gate-width=0"),
+    ):
+        with pytest.raises(InputError, match="numbers") as found:
+            beambench.design(scene, allow=[allow], out=tmp_path / "no")
+        assert "above 0" in found.value.allowed
+
+
 def test_a_design_is_written_and_its_overrides_make_a_scene(tmp_path: Path) -> None:
     if importlib.util.find_spec("mitsuba") is None:
         pytest.skip("Mitsuba is not installed")

@@ -94,10 +94,12 @@ def _allowed(allow: Sequence[str], knobs: Sequence[Knob]) -> dict[str, tuple[flo
             values = ()
         counts = known[name].unit == "1"
         whole = not counts or all(2 <= one <= _MOST_SLICES and one == int(one) for one in values)
-        if not values or not all(map(math.isfinite, values)) or not whole:
+        length = known[name].unit in ("m", "s")  # an angle may be 0 or negative
+        if not values or not all(map(math.isfinite, values)) or not whole or (length and values[0] <= 0):
             raise InputError(
                 "The values of a setting are numbers.", where=f"allow: {name}", value=rest,
-                allowed=f"whole numbers from 2 to {_MOST_SLICES}" if counts else f"numbers in {known[name].unit}",
+                allowed=f"whole numbers from 2 to {_MOST_SLICES}" if counts
+                else f"numbers {'above 0 ' if length else ''}in {known[name].unit}",
             )  # fmt: skip
         found[name] = values
     return found
