@@ -47,7 +47,11 @@ def _bounds(found: Designed) -> Any:
         domain=["chosen", "the scene's own", "allowed", "not allowed"], range=[_CHOSEN, _OWN, "#475569", _OTHER]
     )
     base = alt.Chart(alt.InlineData(values=rows)).encode(
-        x=alt.X("bound:Q", scale=alt.Scale(type="log", nice=False, padding=20), title=f"rms bound of {found.quantity} [{found.unit}]"),
+        x=alt.X(
+            "bound:Q",
+            scale=alt.Scale(type="log", nice=False, padding=20),
+            title=f"rms bound of {found.quantity} [{found.unit}]",
+        ),
         y=alt.Y("design:N", sort=None, title=None, axis=alt.Axis(labelLimit=260)),
         color=alt.Color("kind:N", scale=colour, title=None),
     )
