@@ -110,7 +110,7 @@ def _layers(place: Place) -> list[Any]:
         color=own, size=alt.condition("datum.own", alt.value(140), alt.value(50)),
         shape=alt.condition("datum.own", alt.value("diamond"), alt.value("circle")),
     )  # fmt: skip
-    side = {key: alt.expr(f"datum.{key}") for key in ("align", "dx", "dy")}
+    side: dict[str, Any] = {key: alt.expr(f"datum.{key}") for key in ("align", "dx", "dy")}
     texts = base.mark_text(baseline="middle", fontSize=10, **side).encode(text="text:N", color=own)
     layers: list[Any] = [points, texts]
     if place.bound > 0:
