@@ -303,6 +303,15 @@ def test_a_spool_that_cannot_be_read_is_a_failure_of_the_machine(plugins: Path, 
     assert [outcome.status for outcome in outcomes] == ["ok"]
 
 
+@pytest.mark.parametrize("stage", ["[]", "{}", "7", "null", '"no-such-stage"'])
+def test_a_stage_that_is_no_word_is_a_crash(plugins: Path, tmp_path: Path, stage: str) -> None:
+    """A list ended everybody's run: it was looked up among the stages. Written as the plug-in is imported."""
+    source = plugins / "planted_estimators.py"
+    event = json.dumps('{"event": "started", "stage": ' + stage + "}\n")
+    source.write_text(f"import os, sys\nos.write(int(sys.argv[3]), {event}.encode())\n" + PLANTED)
+    assert [outcome.status for outcome in run("x-fine", tmp_path, count=1)] == ["crash: broken events"]
+
+
 def test_a_hang_is_killed_with_its_group_and_the_rest_goes_on(plugins: Path, tmp_path: Path) -> None:
     start = time.monotonic()
     outcomes = run("x-hang", tmp_path, Limits(time_s=0.3, warmup_s=2.5, memory_bytes=2**30))
