@@ -228,6 +228,9 @@ def test_fewer_lenslets_than_modes_are_refused() -> None:
     for name in ("zernike-ls", "zernike-map", "zonal-southwell"):
         with pytest.raises(InputError, match="fewer slopes than modes"):
             run_estimator(f"spot-ml+slope-cell+{name}[modes=12]", capture)
+        for none in (-3, 1):
+            with pytest.raises(InputError, match="outside its limits"):
+                run_estimator(f"spot-ml+slope-cell+{name}[modes={none}]", capture)
     with pytest.raises(InputError, match="those of a disc"):
         square_pupil = hide_truth(written_capture(scene_of(1), 3000.0, 2.0, 0.0, seed=13))
         run_estimator("spot-ml+slope-cell+zernike-ls", square_pupil)
@@ -288,11 +291,15 @@ def test_zonal_reconstruction_refinds_smooth_wavefronts(name: str) -> None:
 def test_coefficients_that_a_part_of_the_pupil_does_not_tell_apart_are_invalid(name: str) -> None:
     """They were valid, with values of 1e6 rad, where most spots were lost; the phase of what is seen remains."""
     rig, slopes, _, _ = _exact()
-    centre = slopes["slope"].values[0] * 0 + np.stack([rig.numbers("lenslets.x_m"), rig.numbers("lenslets.y_m")], axis=1)
+    centre = slopes["slope"].values[0] * 0 + np.stack(
+        [rig.numbers("lenslets.x_m"), rig.numbers("lenslets.y_m")], axis=1
+    )
     corner = np.argsort(centre.sum(axis=1))[:12]
     valid = np.isin(np.arange(len(centre)), corner)[None]
     noise = 1e-5 * np.random.default_rng(17).standard_normal(slopes["slope"].shape)
-    part = stage_result("assignment", slope=slopes["slope"].values + noise, sigma=np.full(noise.shape, 1e-5), valid=valid)
+    part = stage_result(
+        "assignment", slope=slopes["slope"].values + noise, sigma=np.full(noise.shape, 1e-5), valid=valid
+    )
     found = get_estimator(name).function(part, rig, modes=22)
     assert not found["valid"].values.any()
     assert found["valid_phase"].values.any() == name.startswith("zonal")
