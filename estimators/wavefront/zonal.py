@@ -180,8 +180,8 @@ def zonal_southwell(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0) -> 
         modes: greatest Noll index of the coefficients that are projected; 0: that of the rig.
 
     Returns zernike, sigma [rad rms] (frame, mode) and phase [rad] on the pupil's grid, without piston; standard errors are the
-    noise's. Samples farther than a pitch from every valid lenslet of the largest connected part are invalid, and so are coefficients
-    that the other samples do not tell apart. Raises InputError for hexagonal lenslets, or fewer slopes than modes.
+    noise's. Samples farther than a pitch from every valid lenslet of the largest connected part are invalid, and so are
+    coefficients that the other samples do not tell apart. Raises InputError for hexagonal lenslets, or fewer slopes than modes.
     """
     return _reconstructed(slopes, rig, "southwell", modes)
 
