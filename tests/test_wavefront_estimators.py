@@ -184,8 +184,9 @@ def test_a_reference_that_is_missing_or_of_another_lattice_is_refused() -> None:
         with pytest.raises(InputError, match="no spot"):
             run_estimator("spot-ml", capture.assign(reference=capture["reference"] * 0 + value))
     rig = json.loads(capture.attrs["rig"])
+    rng = np.random.default_rng(18)
     for axis in ("col_px", "row_px"):
-        rig["lenslets"][axis] = [39.5 + 1.3 * (v - 39.5) if abs(v - 39.5) < 28 else v for v in rig["lenslets"][axis]]
+        rig["lenslets"][axis] = [v + rng.uniform(-4.2, 4.2) for v in rig["lenslets"][axis]]
     with pytest.raises(InputError, match="declared lattice"):
         run_estimator("spot-centroid", capture.assign_attrs(rig=json.dumps(rig)))
 
@@ -199,14 +200,28 @@ def test_every_centroid_refuses_a_capture_without_reference_and_a_wrong_pitch(na
     rig = json.loads(capture.attrs["rig"])
 
     def declared(wider: float) -> xr.Dataset:
-        places = {axis: [39.5 + wider * (v - 39.5) for v in rig["lenslets"][axis]] for axis in ("col_px", "row_px")}
-        return capture.assign_attrs(rig=json.dumps(rig | {"lenslets": rig["lenslets"] | places}))
+        whole = rig["lenslets"]
+        lattice = {axis: [39.5 + wider * (v - 39.5) for v in whole[axis]] for axis in ("col_px", "row_px")}
+        lattice |= {axis: [wider * v for v in whole[axis]] for axis in ("x_m", "y_m")}
+        lattice["pitch_m"] = wider * whole["pitch_m"]
+        return capture.assign_attrs(rig=json.dumps(rig | {"lenslets": whole | lattice}))
 
     for wider in (1.06, 0.94):
         with pytest.raises(InputError, match="another pitch") as caught:
             run_estimator(name, declared(wider))
         assert caught.value.next_step
     assert run_estimator(name, declared(1.03))["valid"].values.mean() > 0.5
+
+
+@pytest.mark.parametrize("wrong", [("lenslets", "pitch_m"), ("camera", "pixel_pitch_m")])
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_pitch_that_is_not_that_of_the_declared_places_is_refused(wrong: tuple[str, str], factor: float) -> None:
+    """Slopes, or the fit to them, were a tenth too large, without a word."""
+    capture = hide_truth(written_capture(scene_of(1), 3000.0, 1.0, np.zeros((1, 64, 2)), seed=1))
+    declared = json.loads(capture.attrs["rig"])
+    declared[wrong[0]][wrong[1]] *= factor
+    with pytest.raises(InputError, match="of two lattices"):
+        run_estimator("spot-centroid", capture.assign_attrs(rig=json.dumps(declared)))
 
 
 @pytest.mark.parametrize("name", SPOTS)
