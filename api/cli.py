@@ -42,6 +42,13 @@ _USERS_ERRNO = {
     errno.EEXIST,
     errno.ENOTEMPTY,
 }
+#: Limits of the system that a process met, and what a user can do.
+_LIMITS = {
+    errno.EMFILE: "allow more open files: ulimit -n 1024",
+    errno.ENFILE: "end other programs: the system has no more files to open",
+    errno.EAGAIN: "end other programs, or allow more processes: ulimit -u",
+    errno.ENOMEM: "free memory, or allow more: ulimit -v",
+}
 
 
 def _version() -> str:
@@ -123,6 +130,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if debug:
             _traceback()
+        if error.errno in _LIMITS:
+            advice = f"  next:    {_LIMITS[error.errno]}"
+            return _print_errors(f"error: {os.strerror(error.errno)}.", advice, *_notes(error))
         if error.errno not in _USERS_ERRNO:
             return _internal(error, debug)
         lines = [f"error: {os.strerror(error.errno or 0)}."]

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["CAPTURE", "COORDINATES", "GREATEST", "LEAST", "Quantity", "Stage", "possible_sigma", "possible_value"]
+__all__ = [
+    "CAPTURE", "COMPONENTS", "COORDINATES", "GREATEST", "LEAST", "Quantity", "Stage", "possible_sigma", "possible_value",
+]  # fmt: skip
 
 #: Input of the first stage of a modality.
 CAPTURE = "capture"
@@ -33,6 +35,10 @@ def possible_value(value: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def possible_sigma(sigma: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Whether a number can be a standard error: from LEAST to GREATEST."""
     return (sigma >= LEAST) & (sigma <= GREATEST)  # type: ignore[no-any-return]
+
+
+#: Lengths of the dimensions that count the components of an element: the two axes of an image, the three of space.
+COMPONENTS = {"axis": 2, "xyz": 3}
 
 
 @dataclass(frozen=True)

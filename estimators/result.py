@@ -10,7 +10,16 @@ import numpy.typing as npt
 import xarray as xr
 
 from ..captures.layouts import stage_of
-from ..captures.quantities import GREATEST, LEAST, Quantity, Stage, Variables, possible_sigma, possible_value
+from ..captures.quantities import (
+    COMPONENTS,
+    GREATEST,
+    LEAST,
+    Quantity,
+    Stage,
+    Variables,
+    possible_sigma,
+    possible_value,
+)
 from ..captures.sizes import sizes_of
 from ..scenes.errors import InputError
 
@@ -112,7 +121,8 @@ def _sound(quantity: Quantity, value: Array, sigma: Array) -> Array:
 def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -> xr.Dataset:
     """The result as a new Dataset. Raises InputError where it breaks the contract of its stage.
 
-    Sizes are those of the capture where it has the dimension; any other dimension has the length that the estimator chose.
+    Sizes are those of the capture where it has the dimension, or the number of components; any other dimension has the length that
+    the estimator chose.
     """
     if not isinstance(result, xr.Dataset):
         raise InputError(
@@ -129,7 +139,7 @@ def check_result(result: object, capture: xr.Dataset, name: str, stage: Stage) -
                 allowed=", ".join(stage.dims()),
             )  # fmt: skip
         found = result.variables[key]
-        sizes = {dim: int(measured.get(dim, result.sizes.get(dim, 0))) for dim in dims}
+        sizes = {dim: int(measured.get(dim, COMPONENTS.get(dim, result.sizes.get(dim, 0)))) for dim in dims}
         if found.dims != dims or found.shape != tuple(sizes.values()):
             raise InputError(
                 f"Estimator {name} returned {key} with the wrong shape.",

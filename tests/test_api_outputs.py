@@ -334,6 +334,22 @@ def test_a_picture_is_whole_or_the_old_one(tmp_path: Path, monkeypatch: pytest.M
     assert tree(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    ("number", "told"), [(errno.EMFILE, "ulimit -n"), (errno.EAGAIN, "ulimit -u"), (errno.ENOMEM, "free memory")]
+)
+def test_a_limit_of_the_system_is_no_internal_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: int, told: str
+) -> None:
+    """`ulimit -n 20; beambench run …` ended with exit code 70, and asked for a report of the bug."""
+
+    def limited(**options: Any) -> None:
+        raise OSError(number, "planted")
+
+    monkeypatch.setattr("beambench.benchmarks.reproduce.run.reproduce", lambda folder, **options: limited())
+    assert cli.main(["reproduce", "-o", "never"]) == 2
+    assert told in capsys.readouterr().err
+
+
 def test_the_command_line_tells_what_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

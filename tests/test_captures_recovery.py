@@ -189,3 +189,23 @@ def test_metadata_that_cannot_be_written_leave_no_part(tmp_path: Path, monkeypat
     with pytest.raises(OSError, match="No space"):
         write_file(tmp_path / "zarr.json", b"{}")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_no_store_is_not_called_complete(tmp_path: Path) -> None:
+    """A folder of others with a manifest.json was called "already complete"."""
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    (theirs / "manifest.json").write_text("{}")
+    with pytest.raises(InputError, match="no unfinished store"):
+        finalize(theirs)
+
+
+def test_a_linked_folder_is_named_by_repair(tmp_path: Path) -> None:
+    """The advice was of an output that is "not overwritten"; nothing outside is touched."""
+    write(tmp_path / "a.zarr", [example_capture("gated", seed=0)])
+    os.rename(tmp_path / "a.zarr" / "counts", tmp_path / "counts")
+    os.symlink(tmp_path / "counts", tmp_path / "a.zarr" / "counts")
+    before = sorted((path.name, path.read_bytes()) for path in (tmp_path / "counts").iterdir())
+    with pytest.raises(InputError, match="not its own: counts"):
+        repair(tmp_path / "a.zarr")
+    assert sorted((path.name, path.read_bytes()) for path in (tmp_path / "counts").iterdir()) == before

@@ -184,8 +184,9 @@ def test_a_reference_that_is_missing_or_of_another_lattice_is_refused() -> None:
         with pytest.raises(InputError, match="no spot"):
             run_estimator("spot-ml", capture.assign(reference=capture["reference"] * 0 + value))
     rig = json.loads(capture.attrs["rig"])
+    rng = np.random.default_rng(18)
     for axis in ("col_px", "row_px"):
-        rig["lenslets"][axis] = [39.5 + 1.3 * (v - 39.5) if abs(v - 39.5) < 28 else v for v in rig["lenslets"][axis]]
+        rig["lenslets"][axis] = [v + rng.uniform(-4.2, 4.2) for v in rig["lenslets"][axis]]
     with pytest.raises(InputError, match="declared lattice"):
         run_estimator("spot-centroid", capture.assign_attrs(rig=json.dumps(rig)))
 
@@ -199,14 +200,28 @@ def test_every_centroid_refuses_a_capture_without_reference_and_a_wrong_pitch(na
     rig = json.loads(capture.attrs["rig"])
 
     def declared(wider: float) -> xr.Dataset:
-        places = {axis: [39.5 + wider * (v - 39.5) for v in rig["lenslets"][axis]] for axis in ("col_px", "row_px")}
-        return capture.assign_attrs(rig=json.dumps(rig | {"lenslets": rig["lenslets"] | places}))
+        whole = rig["lenslets"]
+        lattice = {axis: [39.5 + wider * (v - 39.5) for v in whole[axis]] for axis in ("col_px", "row_px")}
+        lattice |= {axis: [wider * v for v in whole[axis]] for axis in ("x_m", "y_m")}
+        lattice["pitch_m"] = wider * whole["pitch_m"]
+        return capture.assign_attrs(rig=json.dumps(rig | {"lenslets": whole | lattice}))
 
     for wider in (1.06, 0.94):
         with pytest.raises(InputError, match="another pitch") as caught:
             run_estimator(name, declared(wider))
         assert caught.value.next_step
     assert run_estimator(name, declared(1.03))["valid"].values.mean() > 0.5
+
+
+@pytest.mark.parametrize("wrong", [("lenslets", "pitch_m"), ("camera", "pixel_pitch_m")])
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_pitch_that_is_not_that_of_the_declared_places_is_refused(wrong: tuple[str, str], factor: float) -> None:
+    """Slopes, or the fit to them, were a tenth too large, without a word."""
+    capture = hide_truth(written_capture(scene_of(1), 3000.0, 1.0, np.zeros((1, 64, 2)), seed=1))
+    declared = json.loads(capture.attrs["rig"])
+    declared[wrong[0]][wrong[1]] *= factor
+    with pytest.raises(InputError, match="of two lattices"):
+        run_estimator("spot-centroid", capture.assign_attrs(rig=json.dumps(declared)))
 
 
 @pytest.mark.parametrize("name", SPOTS)
@@ -228,6 +243,9 @@ def test_fewer_lenslets_than_modes_are_refused() -> None:
     for name in ("zernike-ls", "zernike-map", "zonal-southwell"):
         with pytest.raises(InputError, match="fewer slopes than modes"):
             run_estimator(f"spot-ml+slope-cell+{name}[modes=12]", capture)
+        for none in (-3, 1):
+            with pytest.raises(InputError, match="outside its limits"):
+                run_estimator(f"spot-ml+slope-cell+{name}[modes={none}]", capture)
     with pytest.raises(InputError, match="those of a disc"):
         square_pupil = hide_truth(written_capture(scene_of(1), 3000.0, 2.0, 0.0, seed=13))
         run_estimator("spot-ml+slope-cell+zernike-ls", square_pupil)
@@ -282,6 +300,26 @@ def test_zonal_reconstruction_refinds_smooth_wavefronts(name: str) -> None:
     k = 2 * np.pi / 532e-9 * 3e-3 / 4
     np.testing.assert_allclose(flat["zernike"].values[0, :2], [k * 2e-4, -k * 1e-4], rtol=1e-9)
     np.testing.assert_allclose(flat["zernike"].values[0, 2:], 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["zernike-ls", "zonal-southwell", "zonal-fried"])
+def test_coefficients_that_a_part_of_the_pupil_does_not_tell_apart_are_invalid(name: str) -> None:
+    """They were valid, with values of 1e6 rad, where most spots were lost; the phase of what is seen remains."""
+    rig, slopes, _, _ = _exact()
+    centre = slopes["slope"].values[0] * 0 + np.stack(
+        [rig.numbers("lenslets.x_m"), rig.numbers("lenslets.y_m")], axis=1
+    )
+    corner = np.argsort(centre.sum(axis=1))[:12]
+    valid = np.isin(np.arange(len(centre)), corner)[None]
+    noise = 1e-5 * np.random.default_rng(17).standard_normal(slopes["slope"].shape)
+    part = stage_result(
+        "assignment", slope=slopes["slope"].values + noise, sigma=np.full(noise.shape, 1e-5), valid=valid
+    )
+    found = get_estimator(name).function(part, rig, modes=22)
+    assert not found["valid"].values.any()
+    assert found["valid_phase"].values.any() == name.startswith("zonal")
+    whole = get_estimator(name).function(slopes, rig, modes=22)
+    assert whole["valid"].values.all()
 
 
 def test_noise_of_coefficients_is_the_stated_one() -> None:

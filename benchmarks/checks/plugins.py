@@ -102,6 +102,8 @@ _IMPORTED = {
     "import_recurses": "# Import itself, reloaded, without an end.\nimport importlib, sys\n"
     "importlib.reload(sys.modules[__name__])",
     "import_forks": "# Fork as it is imported, and go on twice.\nimport os\nos.fork()" + _FUNCTION,
+    "import_tells_no_stage": "# Tell the runner a stage that is a list as it is imported.\nimport os, sys\n"
+    'os.write(int(sys.argv[3]), b\'{"event": "started", "stage": []}\\n\')' + _FUNCTION,
     "import_without_function": "# Hold no estimator.\nother = 1",
     "import_of_no_function": "# Hold a number in place of the estimator.\nestimate = 7",
     "import_unmarked": "# Hold a function that is not marked.\ndef estimate(capture): return capture",

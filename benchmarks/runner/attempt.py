@@ -190,9 +190,10 @@ def _told(child: Child, job: Job, event: dict[str, Any], wanted: str) -> bool:
     """Whether an event is the one that is waited for. Raises _Over for one that ends the job."""
     kind = event.get("event")
     if kind == "started" and not child.stage:
-        if event.get("stage") not in stages():
+        word = event.get("stage")
+        if not isinstance(word, str) or word not in stages():  # a plug-in may write events as it is imported
             raise _broken(child, job)
-        child.stage = str(event["stage"])
+        child.stage = word
         return False
     if kind == wanted and child.stage:
         return True

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...captures.quantities import GREATEST, Quantity, Stage, possible_sigma, possible_value
+from ...captures.quantities import COMPONENTS, GREATEST, Quantity, Stage, possible_sigma, possible_value
 from ...scenes.errors import InputError
 from ...scenes.npz import read_npy
 from ...scenes.plain_text import plain_text
@@ -108,6 +108,8 @@ def misshapen(name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: d
     if len(shape) != len(dims):
         return f"{name} has shape {shape}, not one length for each of {dims}"
     for dim, length in zip(dims, shape, strict=True):
+        if dim in COMPONENTS:
+            sizes.setdefault(dim, COMPONENTS[dim])
         if dim not in sizes and not 0 < length <= _LONGEST:
             return f"{name} has {length} of dimension {dim}, not 1 to {_LONGEST}"
         sizes.setdefault(dim, length)

@@ -25,7 +25,7 @@ from .publish import disk_error, is_store, partial_of, publish
 from .reader import CaptureSet, unchecked_captures
 from .remake import Again, Make
 from .restore import restore_metadata
-from .verification import FOREIGN, Damage, partial_damage, refused_partial, unreadable_store, verify
+from .verification import FOREIGN, LINK, Damage, partial_damage, refused_partial, unreadable_store, verify
 from .writer import CaptureWriter
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def _repair_store(root: Path, make: Make | None) -> Recovery:
     except OSError as error:
         raise disk_error(error, "Repairing the store", root) from error
     damage = _readable(root, verify(root))
-    foreign = [entry for entry in damage if entry.problem == FOREIGN]
+    foreign = [entry for entry in damage if entry.problem in (FOREIGN, LINK)]
     if foreign:
         raise InputError(
             f"The store holds files that are not its own: {foreign[0].file}"
@@ -223,7 +223,7 @@ def _names(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     except OSError as error:
         raise disk_error(error, "Completing the store", final) from error
     if not is_store(partial):
-        state = "The store is already complete" if is_store(final) else "There is no unfinished store"
+        state = "The store is already complete" if is_ours(final) else "There is no unfinished store"
         raise InputError(f"{state}: there is no {partial.name}.", where=str(given), allowed="a .partial folder")
     return final, partial
 

@@ -28,11 +28,14 @@ from .manifest import (
 from .record import manifest_of, read_record
 
 __all__ = [
-    "FOREIGN", "Damage", "chunk_problem", "chunks_damage", "partial_damage", "refused_partial", "unreadable_store", "verify",
+    "FOREIGN", "LINK", "Damage", "chunk_problem", "chunks_damage", "partial_damage", "refused_partial", "unreadable_store",
+    "verify",
 ]  # fmt: skip
 
 #: Problem of what lies in a store and is not of its format.
 FOREIGN = "not a file of the store"
+#: Problem of an array whose folder is somewhere else.
+LINK = "a link, not a folder of the store"
 #: Files that a stop may leave, or that say what becomes of the store; they hold no data.
 _LEFT = {JOURNAL, "replaced.mark", "repair.mark"}
 
@@ -69,7 +72,7 @@ def verify(path: str | os.PathLike[str]) -> list[Damage]:
     for array, marks in manifest.chunks.items():
         folder = safe_join(root, array)
         if folder.is_symlink():
-            damage.append(Damage(array, "a link, not a folder of the store", None))
+            damage.append(Damage(array, LINK, None))
             continue
         damage += chunks_damage(folder, array, marks)
         damage += _unknown_files(folder, array, {"zarr.json", *marks})

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
 from ...optics.lenslets.gradients import hexagon, square
 from ...scenes.errors import InputError
@@ -20,6 +21,11 @@ __all__ = ["Geometry", "Spot", "declared_geometry", "declared_spot"]
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
+#: Share by which the declared places of spots, centres of lenslets, pitch and size of a pixel may disagree. A reference of radius R
+#: sets spots wider than lenslets by f/R.
+_OFF_SCALE = 0.05
+#: Distance [pitch] of lenslets that may be those after the next: √2 in a square, √3 among hexagons.
+_NEXT = 1.35
 #: Nodes per pixel of the tables of a spot: linear interpolation errs by P''/8·_FINE² = 1e-7 of its height.
 _FINE = 1024
 
@@ -82,7 +88,8 @@ class Geometry:
 
 @lru_cache(maxsize=8)
 def declared_geometry(rig: DeclaredRig) -> Geometry:
-    """The geometry of a declared rig. Raises InputError for a missing or unusable value, or lists of different lengths."""
+    """The geometry of a declared rig. Raises InputError for a missing or unusable value, lists of different lengths, and places,
+    centres and pitch that disagree."""
     check_keys(rig, WAVEFRONT_KEYS)
     names = ("col_px", "row_px", "row", "col", "x_m", "y_m")
     lists = {name: rig.numbers(f"lenslets.{name}") for name in names}
@@ -93,7 +100,7 @@ def declared_geometry(rig: DeclaredRig) -> Geometry:
         )  # fmt: skip
     pitch, focal = rig.number("lenslets.pitch_m"), rig.number("lenslets.focal_length_m")
     pixel = rig.number("camera.pixel_pitch_m")
-    return Geometry(
+    made = Geometry(
         place_px=np.stack([lists["col_px"], lists["row_px"]], axis=1),
         site=np.stack([lists["row"], lists["col"]], axis=1).astype(np.int64),
         centre_m=np.stack([lists["x_m"], lists["y_m"]], axis=1),
@@ -110,6 +117,35 @@ def declared_geometry(rig: DeclaredRig) -> Geometry:
         step_m=rig.number("pupil.step_m"),
         modes=rig.whole("pupil.modes", least=2),
     )
+    _check_scale(made, pixel)
+    return made
+
+
+def _check_scale(geometry: Geometry, pixel_m: float) -> None:
+    """Raise InputError where places, centres and pitch of the declared lenslets are not of one lattice: slopes, or the modes that
+    are fitted to them, would be wrong by as much."""
+    centre = _width(geometry.centre_m)
+    if not centre > 0.0:
+        return
+    apart = float(np.median(cKDTree(geometry.centre_m).query(geometry.centre_m, 2)[0][:, 1])) / geometry.pitch_m
+    wider = {"lenslets.col_px, lenslets.row_px, camera.pixel_pitch_m": _width(geometry.place_px) * pixel_m / centre}
+    if apart < _NEXT:  # else most lenslets have no neighbour left
+        wider["lenslets.pitch_m"] = 1.0 / max(apart, 1e-9)
+    for names, ratio in wider.items():
+        if not abs(ratio - 1.0) <= _OFF_SCALE:
+            raise InputError(
+                "The declared lenslets are of two lattices.", where=f"attribute rig: {names}",
+                value=f"{ratio:.3g} times that of lenslets.x_m, lenslets.y_m", allowed=f"1 ± {_OFF_SCALE:g}",
+                next_step="check pitch, size of a pixel and places of the declared rig",
+            )  # fmt: skip
+
+
+def _width(places: npt.ArrayLike) -> float:
+    """Root of the sum of squares of the distances of places (lenslet, axis) from their middle."""
+    value = np.asarray(places, np.float64)
+    # Of places beyond any array the square is infinite, and the ratio none.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.sqrt(((value - value.mean(axis=0)) ** 2).sum()))
 
 
 class Spot:

@@ -19,6 +19,7 @@ from ..registry import estimator
 from ..result import stage_result
 from ..rig import DeclaredRig
 from .geometry import Geometry, declared_geometry
+from .options import whole
 
 __all__ = [
     "Modes", "Solver", "check_disc", "check_square", "last_mode", "modal_result", "modes_of", "pupil_grid", "read_slopes",
@@ -141,13 +142,14 @@ def read_slopes(slopes: xr.Dataset, geometry: Geometry) -> tuple[Float, Float, B
 
 
 def last_mode(rig: DeclaredRig, modes: int, *, disc: bool = False) -> int:
-    """Greatest Noll index to estimate; 0: that of the rig. Raises InputError for fewer slopes than modes."""
+    """Greatest Noll index to estimate; 0: that of the rig. Raises InputError for an index that is none, or fewer slopes than
+    modes."""
     geometry = declared_geometry(rig)
     if disc:
         check_disc(geometry)
-    last = geometry.modes if modes == 0 else int(modes)
+    last = geometry.modes if modes == 0 else whole("modes", modes, 2)
     lenslets = len(geometry.centre_m)
-    if last < 2 or last - 1 > 2 * lenslets:
+    if last - 1 > 2 * lenslets:
         raise InputError(
             "There are fewer slopes than modes.", where="modes", value=f"{last - 1} modes, {2 * lenslets} slopes",
             allowed=f"2 to {2 * lenslets + 1}", next_step=f"fit fewer modes: the option modes={2 * lenslets + 1}, or less",

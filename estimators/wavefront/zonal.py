@@ -28,13 +28,18 @@ __all__ = ["zonal_fried", "zonal_southwell"]
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
+#: Least rms over the samples that are seen of any sum of modes of unit rms, from which samples tell modes apart: below, what the
+#: surface errs by enters the coefficients more than ten times.
+_LEAST_SEEN = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class _Solver:
     """The linear maps of one set of valid lenslets.
 
     response (lenslet, 2·lenslet): phases [rad] at the centres per slope [rad]. mix, along, down (inside, lenslet): weights of a
-    sample's planes, and these times the sample's distance [m] along each axis times k. modes (mode, 2·lenslet).
+    sample's planes, and these times the sample's distance [m] along each axis times k. modes (mode, 2·lenslet): NaN where the
+    samples do not tell the modes apart.
     """
 
     used: npt.NDArray[np.int64]
@@ -127,11 +132,14 @@ def _planes(
 
 
 def _projector(geometry: Geometry, last: int, mask: Bool) -> Float:
-    """Least squares of modes 1 … last over the samples: (mode from 2, sample)."""
+    """Least squares of modes 1 … last over the samples: (mode from 2, sample); NaN where these do not tell the modes apart."""
     x, y, _ = pupil_grid(geometry)
     radius = 0.5 * geometry.diameter_m
     values = zernike(range(1, last + 1), x[mask] / radius, y[mask] / radius)
-    return np.asarray(np.linalg.solve(values @ values.T, values))[1:]
+    gram = values @ values.T
+    if not np.linalg.eigvalsh(gram)[0] >= _LEAST_SEEN**2 * values.shape[1]:
+        return np.full((last - 1, values.shape[1]), np.nan)
+    return np.asarray(np.linalg.solve(gram, values))[1:]
 
 
 def _reconstructed(slopes: xr.Dataset, rig: DeclaredRig, name: str, modes: int) -> xr.Dataset:
@@ -172,8 +180,8 @@ def zonal_southwell(slopes: xr.Dataset, rig: DeclaredRig, *, modes: int = 0) -> 
         modes: greatest Noll index of the coefficients that are projected; 0: that of the rig.
 
     Returns zernike, sigma [rad rms] (frame, mode) and phase [rad] on the pupil's grid, without piston; standard errors are the
-    noise's. Samples farther than a pitch from every valid lenslet of the largest connected part are invalid. Raises InputError for
-    hexagonal lenslets, or fewer slopes than modes.
+    noise's. Samples farther than a pitch from every valid lenslet of the largest connected part are invalid, and so are
+    coefficients that the other samples do not tell apart. Raises InputError for hexagonal lenslets, or fewer slopes than modes.
     """
     return _reconstructed(slopes, rig, "southwell", modes)
 
