@@ -18,7 +18,6 @@ from beambench.benchmarks.runner.house import machine_failure
 from beambench.benchmarks.runner.protocol import (
     THREAD_VARIABLES,
     file_sums,
-    misshapen,
     read_results,
     write_capture,
     write_meta,
@@ -27,7 +26,6 @@ from beambench.benchmarks.runner.sealed import block, unpack
 from beambench.benchmarks.runner.session import Job, Outcome, run_jobs
 from beambench.benchmarks.suites.spec import Limits
 from beambench.captures.layouts import stage_of
-from beambench.estimators.result import check_result
 from beambench.scenes.errors import InputError
 
 ROWS, COLS, SLICES = 6, 5, 8
@@ -312,22 +310,6 @@ def test_a_stage_that_is_no_word_is_a_crash(plugins: Path, tmp_path: Path, stage
     event = json.dumps('{"event": "started", "stage": ' + stage + "}\n")
     source.write_text(f"import os, sys\nos.write(int(sys.argv[3]), {event}.encode())\n" + PLANTED)
     assert [outcome.status for outcome in run("x-fine", tmp_path, count=1)] == ["crash: broken events"]
-
-
-@pytest.mark.parametrize("axes", [1, 4])
-def test_a_spot_has_two_axes(axes: int) -> None:
-    """Answers of four were "ok", and their first two were scored."""
-    sizes = {"frame": 2}
-    assert not misshapen("spot", ("frame", "lenslet", "axis"), (2, 9, 2), dict(sizes))
-    assert "axis" in misshapen("spot", ("frame", "lenslet", "axis"), (2, 9, axes), sizes)
-    shape = (2, 9, axes)
-    answer = xr.Dataset({
-        "spot": (("frame", "lenslet", "axis"), np.ones(shape)), "sigma": (("frame", "lenslet", "axis"), np.ones(shape)),
-        "valid": (("frame", "lenslet"), np.ones(shape[:2], bool)),
-    })  # fmt: skip
-    capture = xr.Dataset({"counts": (("frame", "row", "col"), np.zeros((2, 3, 3)))})
-    with pytest.raises(InputError, match="wrong shape"):
-        check_result(answer, capture, "planted", stage_of("centroid"))
 
 
 def test_a_hang_is_killed_with_its_group_and_the_rest_goes_on(plugins: Path, tmp_path: Path) -> None:
