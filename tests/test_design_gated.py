@@ -214,7 +214,7 @@ def test_derivatives_by_range_in_scattering_water_are_those_of_generated_stacks(
     rise = correlation.lookup(bank.table, bank.time_s[:, None] - delay + step)
     rise = (rise - correlation.lookup(bank.table, bank.time_s[:, None] - delay - step)) / (2 * step)
     ours = (bank.own + bank.halo)[:, None] * bank.slope[:, None] * rise
-    # The bank leaves out pixels of two surfaces; a pixel is known by its range, as the lamp is at the camera. The post stands still.
+    # The bank leaves out pixels of two surfaces; a pixel is known by its range. The post stands still.
     middle_m, compared = 0.5 * (r0 + r1), 0
     for i in range(bank.time_s.size):
         pixel = int(np.argmin(np.abs(middle_m - bank.time_s[i] / bank.slope[i])))
