@@ -94,7 +94,7 @@ def test_an_installed_plugin_is_listed_and_keeps_the_laws(site: Path) -> None:
     listed = _beambench(site, "estimators", "list", "--json")
     rows = {row["name"]: row for row in json.loads(listed.stdout)}
     assert rows["my-median"]["origin"] == "plug-in" and rows["peak"]["origin"] == "built-in"
-    assert rows["my-median"]["parameters"] == {"threshold": 0.05}
+    assert rows["my-median"]["parameters"] == {"least_sigmas": 5.0, "reach": 3.0}
     checked = _beambench(site, "estimators", "check", "my-median", "--json")
     assert checked.returncode == 0, checked.stdout + checked.stderr
     found = json.loads(checked.stdout)
@@ -105,7 +105,7 @@ def test_an_installed_plugin_runs_in_a_suite(site: Path, tmp_path: Path) -> None
     if importlib.util.find_spec("mitsuba") is None:
         pytest.skip("Mitsuba is not installed")
     out = tmp_path / "run"
-    suite = _suite(tmp_path, ["my-median", "my-median[threshold=0.2]", "peak"])
+    suite = _suite(tmp_path, ["my-median", "my-median[reach=2.5]", "peak"])
     done = _beambench(site, "run", str(suite), "-o", str(out))
     assert done.returncode == 0, done.stdout + done.stderr
     table = _scores(out)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from beambench.benchmarks import run
+from beambench.benchmarks import measure
 from beambench.benchmarks.checks.interrupted_work import small_suite
 from beambench.benchmarks.run import run_suite
 from beambench.benchmarks.runner.jail import OFF
@@ -56,7 +56,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(OFF, "none")
         patch.syspath_prepend(str(place / "site"))
-        patch.setattr(run, "Session", Spy)
+        patch.setattr(measure, "Session", Spy)
         run_suite(suite, place / "out")
     return {"out": place / "out", "seen": seen, "record": json.loads((place / "out" / "run.json").read_text())}
 

@@ -112,7 +112,9 @@ def test_the_truth_of_a_wavefront_is_another_for_every_seed_and_level() -> None:
     """Slopes of two captures have nothing in common: two thirds of 2 · var or more lies between them."""
     changes = {"rig.lenslets.across": 10, "rig.pupil.diameter_m": 1.5e-3, "rig.pupil.modes": 21, "rig.camera.rows": 96}
     loaded = load_suite("wavefront", {**changes, "rig.camera.cols": 96, "rig.frames.count": 16})
-    wanted = [cell for cell in cells_of(loaded) if cell.stress == "none" or cell.level == 1.0]
+    seeds = loaded.suite.seeds.test[:2]
+    here = [cell for cell in cells_of(loaded) if cell.scene_name == "gated-turbulence" and cell.seed in seeds]
+    wanted = [cell for cell in here if cell.stress == "none" or cell.level == 1.0]
     slopes = []
     for cell in wanted:
         made = generate(cell.scene, seed=cell.seed, capture_key=cell.key, fidelity="geometric", rtol=1e-3)
