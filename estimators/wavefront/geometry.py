@@ -127,7 +127,8 @@ def _check_scale(geometry: Geometry, pixel_m: float) -> None:
     centre = _width(geometry.centre_m)
     if not centre > 0.0:
         return
-    apart = float(np.median(cKDTree(geometry.centre_m).query(geometry.centre_m, 2)[0][:, 1])) / geometry.pitch_m
+    distance = np.asarray(cKDTree(geometry.centre_m).query(geometry.centre_m, 2)[0])
+    apart = float(np.median(distance[:, 1])) / geometry.pitch_m
     wider = {"lenslets.col_px, lenslets.row_px, camera.pixel_pitch_m": _width(geometry.place_px) * pixel_m / centre}
     if apart < _NEXT:  # else most lenslets have no neighbour left
         wider["lenslets.pitch_m"] = 1.0 / max(apart, 1e-9)
