@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import platform
-import sys
 from collections.abc import Mapping
 from functools import cache
 from importlib import metadata
@@ -19,7 +18,7 @@ from ..scenes.errors import InputError
 __all__ = ["cpu", "provenance", "versions"]
 
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mitsuba", "drjit", "mitransient")
-_ONLY_IF_LOADED = ("scipy", "numba", "llvmlite", "mitsuba", "drjit", "mitransient")
+_ABSENT = "not installed as a package"
 _FEATURES = (
     "sse2", "sse4_1", "sse4_2", "avx", "f16c", "fma", "avx2", "avx512f", "avx512bw", "avx512cd", "avx512dq",
     "avx512vl", "avx512_fp16", "avx512_bf16", "amx_tile", "asimd", "fphp", "asimdhp", "sve", "sve2",
@@ -32,7 +31,8 @@ def provenance(arguments: Mapping[str, Any]) -> dict[str, Any]:
     Main arguments:
         arguments: every argument of the generator (scene, seed, capture_key, fidelity, rtol, ...), as JSON values.
 
-    Packages that only some scenes use are listed if they are loaded. Raises InputError for arguments that JSON cannot
+    Packages are listed if they are installed, whether this scene used them or not: what the process did before must not change a
+    capture's bytes. Raises InputError for arguments that JSON cannot
     hold.
     """
     try:
@@ -53,9 +53,9 @@ def provenance(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages on which the bits of a capture depend."""
-    names = [name for name in _PACKAGES if name not in _ONLY_IF_LOADED or name in sys.modules]
-    return {name: _version(name) for name in names}
+    """Versions of the installed packages on which the bits of a capture may depend."""
+    found = {name: _version(name) for name in _PACKAGES}
+    return {name: version for name, version in found.items() if version != _ABSENT}
 
 
 @cache
@@ -82,4 +82,4 @@ def _version(name: str) -> str:
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
-        return "not installed as a package"
+        return _ABSENT

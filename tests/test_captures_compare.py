@@ -6,6 +6,8 @@ import getpass
 import json
 import platform
 import re
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +89,11 @@ def test_provenance_is_json_repeatable_and_anonymous() -> None:
         assert getpass.getuser() not in text
     with pytest.raises(InputError, match="representable as JSON"):
         provenance({"rtol": float("nan")})
+
+
+def test_provenance_does_not_depend_on_what_the_process_did_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Packages were listed if they were loaded: the bytes of a capture depended on those made before it."""
+    before = provenance({"seed": 1})
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    monkeypatch.setitem(sys.modules, "mitransient", types.ModuleType("mitransient"))
+    assert provenance({"seed": 1}) == before and "numba" in before["packages"]
