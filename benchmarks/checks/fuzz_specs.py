@@ -16,7 +16,7 @@ import numpy as np
 
 from .mutations import json_mutated, mutated
 
-__all__ = ["SPECS", "Subject", "any_file", "json_file"]
+__all__ = ["SPECS", "Subject", "all_tried", "any_file", "json_file"]
 
 
 @dataclass(frozen=True)
@@ -251,3 +251,17 @@ SPECS: dict[str, Subject] = {
     "grids and pictures": Subject(_grids, any_file, _read_grids),
     "overrides and labels": Subject(_words, any_file, _read_words),
 }
+
+
+def all_tried(*readings: Callable[[], object]) -> None:
+    """Carry out every reading, whatever those before it refused. Raises the first InputError."""
+    from ...scenes.errors import InputError
+
+    refused: list[InputError] = []
+    for reading in readings:
+        try:
+            reading()
+        except InputError as error:
+            refused.append(error)
+    if refused:
+        raise refused[0]

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from .example_modalities import IMAGING, SMALL
 from .fuzz_shards import SHARDED
-from .fuzz_specs import SPECS, Subject, any_file, json_file
+from .fuzz_specs import SPECS, Subject, all_tried, any_file, json_file
 from .mutations import json_mutated, mutated
 
 __all__ = ["SUBJECTS", "Subject", "job_of", "reseal"]
@@ -77,27 +76,13 @@ def _read_store(folder: Path) -> None:
     from ...captures.store.status import status
 
     store = folder / "s.zarr"
-    _all_tried(
+    all_tried(
         lambda: [capture.load() for capture in open_captures(store)],
         lambda: contents(store),
         lambda: status(store),
         lambda: verify(store),
         lambda: repair(store),
     )
-
-
-def _all_tried(*readings: Callable[[], object]) -> None:
-    """Carry out every reading, whatever those before it refused. Raises the first InputError."""
-    from ...scenes.errors import InputError
-
-    refused: list[InputError] = []
-    for reading in readings:
-        try:
-            reading()
-        except InputError as error:
-            refused.append(error)
-    if refused:
-        raise refused[0]
 
 
 def _unfinished(folder: Path) -> None:
@@ -230,7 +215,7 @@ def _read_results(folder: Path) -> None:
     from ..scores.tables import read_scores
 
     verb_in(folder)
-    _all_tried(
+    all_tried(
         lambda: Journal.check(folder, "h", verb="run"),
         lambda: Journal(folder, "h", verb="run"),
         lambda: read_run(folder),

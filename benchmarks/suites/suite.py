@@ -68,9 +68,12 @@ class Loaded:
 
     def fidelity(self, name: str) -> Rung:
         """The rung of a scene, by its name in the suite: its entry's, or the suite's."""
+        return self._entry(name).fidelity or self.suite.fidelity
+
+    def _entry(self, name: str) -> SceneEntry:
+        """The entry of a scene, by its name in the suite."""
         entries = zip(self.scenes, self.suite.scenes, strict=True)
-        own = next(entry.fidelity for (held, _), entry in entries if held == name)
-        return own or self.suite.fidelity
+        return next(entry for (held, _), entry in entries if held == name)
 
     def draws(self, name: str) -> tuple[Draw, ...]:
         """What is drawn anew for every seed of a scene, by its name in the suite."""
@@ -86,14 +89,13 @@ class Loaded:
 
     def conditions(self, name: str) -> tuple[Condition, ...]:
         """The conditions under which a scene is run, by its name in the suite."""
-        entries = zip(self.scenes, self.suite.scenes, strict=True)
-        own = next(entry.conditions for (held, _), entry in entries if held == name)
+        own = self._entry(name).conditions
         return tuple(one for one in self.suite.conditions if not own or one in own)
 
     def reads(self, label: str, name: str) -> bool:
         """Whether an estimator of the suite, by the label that the suite writes, reads a scene, by its name in the suite."""
-        lists = {held: entry.estimators for (held, _), entry in zip(self.scenes, self.suite.scenes, strict=True)}
-        return not lists[name] or label in lists[name] or all(label not in listed for listed in lists.values())
+        own = self._entry(name).estimators
+        return not own or label in own or all(label not in entry.estimators for entry in self.suite.scenes)
 
 
 def list_suites() -> list[str]:

@@ -21,7 +21,7 @@ from .manifest import (
 )
 from .record import journal_of_group, manifest_of, metadata_of, read_record, record_text
 
-__all__ = ["restore_metadata"]
+__all__ = ["restore_metadata", "write_changed"]
 
 
 def restore_metadata(root: Path) -> list[str]:
@@ -57,7 +57,7 @@ def restore_metadata(root: Path) -> list[str]:
     text = final.text().encode()
     files = {name: content for name, content in contents.items() if name not in kept}
     files |= {RECORD: record_text(journal), MANIFEST: text, MANIFEST_SUM: sum_text(text)}
-    return _written(root, files)
+    return write_changed(root, files)
 
 
 def _second(root: Path, manifest: Manifest | None) -> Journal | None:
@@ -84,10 +84,10 @@ def _of_version_1(root: Path, manifest: Manifest, contents: dict[str, bytes], da
     for name in damaged:
         if hashlib.sha256(contents.get(name, b"")).hexdigest() != manifest.metadata[name]:
             raise _beyond(root, name)
-    return _written(root, {name: contents[name] for name in damaged})
+    return write_changed(root, {name: contents[name] for name in damaged})
 
 
-def _written(root: Path, files: dict[str, bytes]) -> list[str]:
+def write_changed(root: Path, files: dict[str, bytes]) -> list[str]:
     """Write those files that differ from what is on disk, the manifest last."""
     changed = []
     for name, content in files.items():
@@ -97,7 +97,7 @@ def _written(root: Path, files: dict[str, bytes]) -> list[str]:
                 "A folder of the store is a link.", where=str(file.parent), next_step="do not use this store"
             )
         if regular_size(file) is None or file.read_bytes() != content:
-            file.parent.mkdir(exist_ok=True)
+            file.parent.mkdir(parents=True, exist_ok=True)
             write_file(file, content)
             changed.append(name)
     fsync_path(root)

@@ -18,6 +18,7 @@ from .arrays import decode_attributes, structure_of
 from .journal import fsync_path, write_file
 from .manifest import regular_size
 from .remake import Make
+from .restore import write_changed
 from .shard_chunks import blocks_of, encode_block, shard_key
 from .shard_finish import read_request, store_files, write_request
 from .shard_receipts import (
@@ -233,16 +234,4 @@ def _metadata(root: Path) -> list[str]:
         return (read_either(root, *place) for place in places)
 
     _, files = store_files(root, receipts)
-    changed = []
-    for name, content in files.items():
-        file = root / name
-        if file.parent.is_symlink():
-            raise InputError(
-                "A folder of the store is a link.", where=str(file.parent), next_step="do not use this store"
-            )
-        if regular_size(file) is None or file.read_bytes() != content:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_file(file, content)
-            changed.append(name)
-    fsync_path(root)
-    return changed
+    return write_changed(root, files)
