@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from .verbs.report import report
     from .verbs.reproduce import reproduce
     from .verbs.run import run
-    from .verbs.scenes import scenes_list, scenes_preview, scenes_show
+    from .verbs.scenes import scenes_list, scenes_new, scenes_preview, scenes_show
     from .verbs.score import score
+    from .verbs.suites import suites_list, suites_new, suites_show
     from .verbs.sweep import sweep
 
     __version__: str
@@ -60,9 +61,13 @@ __all__ = [
     "reproduce",
     "run",
     "scenes_list",
+    "scenes_new",
     "scenes_preview",
     "scenes_show",
     "score",
+    "suites_list",
+    "suites_new",
+    "suites_show",
     "sweep",
 ]
 
@@ -90,9 +95,13 @@ _HOME = {
     "reproduce": ".verbs.reproduce",
     "run": ".verbs.run",
     "scenes_list": ".verbs.scenes",
+    "scenes_new": ".verbs.scenes",
     "scenes_preview": ".verbs.scenes",
     "scenes_show": ".verbs.scenes",
     "score": ".verbs.score",
+    "suites_list": ".verbs.suites",
+    "suites_new": ".verbs.suites",
+    "suites_show": ".verbs.suites",
     "sweep": ".verbs.sweep",
 }
 #: Sub-packages, imported on first use as well: `beambench.scenes.load_scene`.

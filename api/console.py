@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NoReturn, get_args, get_origin
+from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -18,7 +18,7 @@ from .scenes.plain_text import plain_text
 
 __all__ = [
     "Common", "open_streams", "print_json", "print_lines", "print_table", "score_records", "size_text", "terminal",
-    "whole",
+    "share", "whole",
 ]  # fmt: skip
 
 
@@ -54,6 +54,22 @@ def _whole(text: str) -> int:
     if found and len(text) <= _MOST_DIGITS:
         return int(found[1] + "0" * int(found[2]))
     raise ValueError(f'"{text}" is not a whole number; fractions are not rounded')
+
+
+def share(type_: Any, tokens: Sequence[Any]) -> Any:
+    """A fraction, 0.05 or 5%, or one of the words that the option takes.
+
+    Raises:
+        ValueError: Neither; cyclopts turns this into its own error.
+    """
+    text = str(getattr(tokens[0], "value", tokens[0])).strip()
+    words = [word for part in (type_, *get_args(type_)) if get_origin(part) is Literal for word in get_args(part)]
+    if text in words:
+        return text
+    try:
+        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        raise ValueError(f'"{text}" is not a fraction: ' + ", ".join(["0.05", "5%", *words])) from None
 
 
 #: More digits than any number here needs; Python itself refuses 4300.

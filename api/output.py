@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from .scenes.errors import InputError
+from .scenes.errors import InputError, reason
 from .scenes.places import local_path
 
 __all__ = ["check_free", "claim", "default_out", "is_picture", "slug"]
@@ -82,7 +82,7 @@ def claim(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError("The output cannot be written there.", where=str(path), value=str(error)) from error
+        raise InputError("The output cannot be written there.", where=str(path), value=reason(error)) from error
     return path
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scenes.errors import InputError
+from ..scenes.errors import InputError, reason
 from .hdf5_input import Hdf5Input, hdf5_input
 from .layouts import layout_of, stage_of
 from .quantities import Stage, possible_sigma, possible_value
@@ -150,7 +150,7 @@ def read_estimates(
         if isinstance(error, InputError):
             raise
         raise InputError(
-            "The estimates cannot be read.", where=str(path), value=str(error), allowed=f"HDF5 with {variables}"
+            "The estimates cannot be read.", where=str(path), value=reason(error), allowed=f"HDF5 with {variables}"
         ) from error
     arrays: list[dict[str, NDArray[Any]] | None] = []
     for index in range(count):

@@ -14,13 +14,22 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Any, Literal
 
 from ..scenes.errors import InputError
 
-__all__ = ["LINK", "check_parameters", "format_label", "label_of", "links_of", "parse_label", "split_label"]
+__all__ = [
+    "LINK",
+    "check_parameters",
+    "each_label",
+    "format_label",
+    "label_of",
+    "links_of",
+    "parse_label",
+    "split_label",
+]
 
 #: What joins the links of a chain.
 LINK = "+"
@@ -40,6 +49,11 @@ def split_label(label: str) -> tuple[str, str]:
     """(name, text of the parameters, "" where there are none) of a label, whatever its parameters are."""
     name, _, rest = label.strip().partition("[")
     return name, rest.removesuffix("]")
+
+
+def each_label(texts: Iterable[str]) -> list[str]:
+    """The labels of texts that hold one or several, between commas that stand outside brackets: "peak,threshold[level=0.5]"."""
+    return [part.strip() for text in texts for part in re.split(r",(?![^\[]*\])", text)]
 
 
 def label_of(name: str, params: str) -> str:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from ..captures.layouts import stage_of, stages
-from ..scenes.errors import InputError
+from ..scenes.errors import InputError, reason
 from .registry import list_estimators
 
 __all__ = ["check_name", "is_package", "template_of", "templates", "write_package"]
@@ -65,9 +65,7 @@ def write_package(folder: Path, name: str, template: str) -> None:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise InputError(
-            "The output cannot be written there.", where=str(folder), value=error.strerror or str(error)
-        ) from error
+        raise InputError("The output cannot be written there.", where=str(folder), value=reason(error)) from error
 
 
 def _told(template: str) -> str:

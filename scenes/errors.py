@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["InputError"]
+__all__ = ["InputError", "reason"]
 
 
 class InputError(ValueError):
@@ -38,6 +38,11 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (self.what, self.where, self.value, self.allowed, self.next_step))
+
+
+def reason(error: BaseException) -> str:
+    """What an error says, for people: the system's own words without its number and the path, which stands beside it."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
 def _shown(value: object) -> str:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, reason
 from .overrides import apply_overrides
 from .possible import check_possible
 from .rigs import RIGS
@@ -113,7 +113,9 @@ def _beside(name: str, folder: Path, where: str) -> str:
     try:
         path = (folder / Path(name).expanduser()).resolve()
     except (OSError, RuntimeError, ValueError) as error:  # links in a circle, no such home, a null byte
-        raise InputError("This cannot be the name of a file.", where=where, value=name, allowed=str(error)) from error
+        raise InputError(
+            "This cannot be the name of a file.", where=where, value=name, allowed=reason(error)
+        ) from error
     if not path.is_relative_to(folder.resolve()):
         raise InputError(
             "A mesh, grid or texture of a scene file should lie in its folder.", where=where, value=name,

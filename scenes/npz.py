@@ -14,7 +14,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from .errors import InputError
+from .errors import InputError, reason
 
 __all__ = ["MOST_BYTES", "read_npy", "read_npz"]
 
@@ -87,5 +87,4 @@ def _array(stream: IO[bytes], size: int) -> npt.NDArray[Any]:
 
 
 def _refused(error: Exception, what: str, where: str) -> InputError:
-    said = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return InputError(f"{what} cannot be read.", where=where, value=" ".join(str(said).split())[:200])
+    return InputError(f"{what} cannot be read.", where=where, value=" ".join(reason(error).split())[:200])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, reason
 
 __all__ = ["local_path"]
 
@@ -31,5 +31,5 @@ def local_path(name: str | Path, where: str = "--out") -> Path:
         return Path(text).expanduser()
     except (ValueError, RuntimeError) as error:
         raise InputError(
-            "This cannot be the name of an output.", where=where, value=text, allowed=str(error)
+            "This cannot be the name of an output.", where=where, value=text, allowed=reason(error)
         ) from error

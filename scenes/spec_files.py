@@ -6,7 +6,7 @@ import difflib
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, reason
 from .json_keys import read_json
 from .toml_text import read_toml
 
@@ -37,6 +37,8 @@ def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> P
     if path.suffix.lower() in {".toml", ".json"} and path.is_file():
         return path
     names = sorted(path.stem for path in folder.glob("*.toml"))
+    if path.suffix or "/" in source:
+        raise _no_file(path, source, kind)
     near = difflib.get_close_matches(source, names, n=3, cutoff=0.4)
     raise InputError(
         f"There is no such {kind}.",
@@ -45,6 +47,23 @@ def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> P
         allowed="a path to a .toml or .json file, or one of: " + ", ".join(names),
         next_step=f"did you mean {' or '.join(near)}?" if near else next_step,
     )
+
+
+def _no_file(path: Path, source: str, kind: str) -> InputError:
+    """The error of a path that leads to no spec: similar files beside it, or what is wrong with its ending."""
+    if path.is_file():
+        return InputError(
+            f"The file of a {kind} should end in .toml or .json.", where=kind, value=source, allowed="*.toml, *.json"
+        )
+    folder = path.parent
+    there = sorted(one.name for one in folder.glob("*.*ml")) if folder.is_dir() else []
+    there += sorted(one.name for one in folder.glob("*.json")) if folder.is_dir() else []
+    near = [str(folder / name) for name in difflib.get_close_matches(path.name, there, n=3, cutoff=0.4)]
+    step = "check the path" if folder.is_dir() else f"there is no folder {folder}"
+    return InputError(
+        "There is no such file.", where=kind, value=source, allowed=f"an existing .toml or .json file, or the name of a {kind}",
+        next_step=f"did you mean {' or '.join(near)}?" if near else step,
+    )  # fmt: skip
 
 
 def read_spec_file(path: Path) -> dict[str, Any]:
@@ -58,7 +77,7 @@ def read_spec_file(path: Path) -> dict[str, Any]:
             raise InputError("The file is too large for a spec.", where=str(path), value=path.stat().st_size)
         text = path.read_text(encoding="utf-8-sig")  # a byte-order mark is no part of the text
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("The file cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("The file cannot be read.", where=str(path), value=reason(error)) from error
     try:
         data = read_json(text, unique=True) if path.suffix.lower() == ".json" else read_toml(text)
     except ValueError as error:

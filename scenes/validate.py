@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from .base import Spec
 from .errors import InputError
+from .plain_messages import lost_table, near_keys, wanted
 
 __all__ = ["validate_spec"]
 
@@ -33,19 +33,40 @@ def validate_spec(
     try:
         return model.model_validate_json(text, strict=True)
     except ValidationError as error:
-        first, *rest = error.errors(include_url=False)
-        path = _key_path(first, data)
-        what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}
-        more = "".join(
-            f"\n           also {_key_path(e, data)}: {_message(e)}" for e in rest[:8]
-        )  # all in one message, so that a file is mended in one go
-        raise InputError(
-            what.get(first["type"], "A value is not allowed."),
-            where=f"{where}: {path}",
-            value=None if first["type"] == "missing" else first.get("input"),
-            allowed=_message(first) + more + _near_keys(model, first),
-            next_step=example() if example else model.example if issubclass(model, Spec) else "",
-        ) from error
+        raise _told(model, error.errors(include_url=False), data, where, example) from error
+
+
+def _told(
+    model: type[BaseModel], errors: list[Any], data: Mapping[str, Any], where: str, example: Callable[[], str] | None
+) -> InputError:
+    """All errors as one, so that a file is mended in one go; the keys of a table without its header as one of them."""
+    next_step = example() if example else model.example if issubclass(model, Spec) else ""
+    schema = model.model_json_schema() if any(error["type"] == "extra_forbidden" for error in errors) else {}
+    lost = lost_table(schema, errors) if schema else None
+    if lost is not None:
+        missing = next(
+            error for error in errors if error["type"] == "missing" and ".".join(map(str, error["loc"])) == lost[0]
+        )
+        table = _key_path(missing, data)
+        return InputError(
+            "A table is missing; its keys stand elsewhere.", where=f"{where}: {table}",
+            allowed=f"[{table}] above {', '.join(lost[1])}", next_step=next_step,
+        )  # fmt: skip
+    first, *rest = errors
+    what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}
+    known = _known_keys(schema) if schema else set()
+    more = "".join(f"\n           also {_key_path(e, data)}: {wanted(e)}{_near(e, known)}" for e in rest[:8])
+    return InputError(
+        what.get(first["type"], "A value is not allowed."),
+        where=f"{where}: {_key_path(first, data)}",
+        value=None if first["type"] == "missing" else first.get("input"),
+        allowed=wanted(first) + _near(first, known) + more,
+        next_step=next_step,
+    )
+
+
+def _near(error: Any, known: set[str]) -> str:
+    return near_keys(known, str(error["loc"][-1])) if error["type"] == "extra_forbidden" else ""
 
 
 def _check_plain(data: Any, where: str) -> None:
@@ -80,15 +101,6 @@ def _check_plain(data: Any, where: str) -> None:
             )  # fmt: skip
 
 
-def _message(error: Any) -> str:
-    """Pydantic's message, with its limit in few digits (1e-15 instead of its zeros) and without its own prefix."""
-    for key in ("ge", "gt", "le", "lt"):
-        limit = error.get("ctx", {}).get(key)
-        if isinstance(limit, float):
-            return f"{str(error['msg']).rpartition(' ')[0]} {limit:g}"
-    return str(error["msg"]).removeprefix("Value error, ")
-
-
 def _key_path(error: Any, data: Any) -> str:
     """The path of an error as a user would override it: without the tags of unions that pydantic puts in.
 
@@ -110,21 +122,15 @@ def _item(node: Any, part: int | str) -> Any:
     return node[part] if isinstance(node, list | tuple) and isinstance(part, int) and part < len(node) else None
 
 
-def _near_keys(model: type[BaseModel], error: Any) -> str:
-    """For an unknown key: similar keys anywhere in the spec."""
-    if error["type"] != "extra_forbidden":
-        return ""
+def _known_keys(schema: Mapping[str, Any]) -> set[str]:
+    """Every key that a spec may have somewhere."""
     known: set[str] = set()
-    todo: list[Any] = [model.model_json_schema()]
+    todo: list[Any] = [schema]
     while todo:
         node = todo.pop()
-        if isinstance(node, dict):
+        if isinstance(node, Mapping):
             known.update(node.get("properties", {}))
             todo.extend(node.values())
         elif isinstance(node, list):
             todo.extend(node)
-    key = str(error["loc"][-1])
-    if key in known:
-        return "; this key exists elsewhere in the spec, not in this place"
-    near = difflib.get_close_matches(key, sorted(known), n=3)
-    return f"; did you mean {' or '.join(near)}?" if near else ""
+    return known

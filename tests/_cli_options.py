@@ -1,7 +1,8 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
+`bound`, `gate`, `design`, `scenes new` and `suites …` are new, and so are `--compare`, `--chart` and `--overwrite` of
+`estimators check`.
 """
 
 from __future__ import annotations
@@ -204,6 +205,12 @@ run: --split <{dev,test}> default 'test'
 run: SUITE <text> required
 scenes list: --debug <flag> default False
 scenes list: --json <flag> default False
+scenes new: --debug <flag> default False
+scenes new: --json <flag> default False
+scenes new: --like <text> default 'flat-wall'
+scenes new: --out -o <text> default None
+scenes new: --overwrite <flag> default False
+scenes new: NAME <text> required
 scenes preview: --debug <flag> default False
 scenes preview: --json <flag> default False
 scenes preview: --out -o <text> default None
@@ -224,6 +231,18 @@ score: --sealed <text> default None
 score: --suite <text> default None
 score: DATA <text> required
 score: ESTIMATES <text> required
+suites list: --debug <flag> default False
+suites list: --json <flag> default False
+suites new: --debug <flag> default False
+suites new: --json <flag> default False
+suites new: --like <text> default 'gated'
+suites new: --out -o <text> default None
+suites new: --overwrite <flag> default False
+suites new: NAME <text> required
+suites show: --debug <flag> default False
+suites show: --json <flag> default False
+suites show: --set <text...> default None
+suites show: SUITE <text> required
 sweep: --budget <number> default 16
 sweep: --debug <flag> default False
 sweep: --depth <number> default 2

@@ -137,8 +137,8 @@ def test_it_reaches_the_capture() -> None:
         ({"illuminant": None}, "one of illuminant"),
         ({"temperature_k": 3000.0}, "one of illuminant"),
         ({"illuminance_lux": None}, "one of illuminance_lux"),
-        ({"illuminance_lux": -1.0}, "greater than or equal to 0"),
-        ({"filter": None}, "Field required"),
+        ({"illuminance_lux": -1.0}, "at least 0"),
+        ({"filter": None}, "must be given"),
         ({"water": {"source": "williamson2022", "type": "II", "down_m": 1.0, "view_m": 0.0}}, "no diffuse attenuation K_d"),
         ({"water": {"source": "pure", "type": "salt", "down_m": 1.0, "view_m": 0.0}}, "fresh"),
         (

@@ -1,4 +1,4 @@
-"""The commands `scenes list`, `scenes show` and `scenes preview`."""
+"""The commands `scenes list`, `show`, `preview` and `new`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from ..console import print_json, print_lines, print_table
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..scenes.scene import Scene
 
-__all__ = ["LIST", "PREVIEW", "SHOW"]
+__all__ = ["LIST", "NEW", "PREVIEW", "SHOW"]
 
 
 def _list_json(rows: list[dict[str, Any]], given: Arguments) -> list[dict[str, Any]]:
@@ -70,4 +72,22 @@ PREVIEW = command(
     examples="""Examples:
   beambench scenes preview object1 -o object1.png
   beambench scenes preview my-scene.toml --size 1024""",
+)
+
+
+def _new_json(path: Path, given: Arguments) -> dict[str, str]:
+    return {"file": str(path)}
+
+
+def _new_text(path: Path, given: Arguments) -> None:
+    print_lines(str(path), f"next: change it, then beambench scenes preview {path}, beambench generate {path}")
+
+
+NEW = command(
+    "scenes new",
+    "scenes:scenes_new",
+    View(_new_text, _new_json),
+    examples="""Examples:
+  beambench scenes new my-wall
+  beambench scenes new my-tank --like relief-tank -o scenes/my-tank.toml""",
 )

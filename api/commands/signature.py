@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from cyclopts import Parameter
 
-from ..console import Common, whole
+from ..console import Common, share, whole
 from .docstring import arguments_of, for_command_line
 
 __all__ = ["options_of", "signature_for"]
@@ -63,6 +63,8 @@ def signature_for(verb: Callable[..., Any], options: Collection[str] = ()) -> in
             settings["name"] = _NAMES[one.name]
         if hint in (int, list[int]):
             settings["converter"] = whole
+        if one.name == "rtol":
+            settings["converter"] = share
         if get_origin(hint) is list:
             settings |= {"negative": "", "help": settings["help"] + " Repeatable."}
         if hint is bool:

@@ -12,6 +12,10 @@ _COMMANDS = {
     "scenes list": (0, "scenes:LIST"),
     "scenes show": (0, "scenes:SHOW"),
     "scenes preview": (0, "scenes:PREVIEW"),
+    "scenes new": (0, "scenes:NEW"),
+    "suites list": (0, "suites:LIST"),
+    "suites show": (0, "suites:SHOW"),
+    "suites new": (0, "suites:NEW"),
     "generate": (3, "generate:GENERATE"),
     "data status": (0, "data:STATUS"),
     "data verify": (0, "data:VERIFY"),
@@ -37,7 +41,8 @@ _COMMANDS = {
 }
 #: Group -> (its place, its help).
 _GROUPS = {
-    "scenes": (2, "List the scenes of the library, show one in full, or draw it."),
+    "scenes": (2, "List the scenes of the library, show one in full, draw it, or begin one of your own."),
+    "suites": (2, "List the suites, show one, or begin one of your own."),
     "data": (4, "Look at stores of captures: what they hold, and whether they are undamaged."),
     "estimators": (7, "List the estimators, check one against the laws, train one, or begin one of your own."),
 }

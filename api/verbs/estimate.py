@@ -53,10 +53,11 @@ def estimate(
     from ..benchmarks.runner.estimator_labels import check_estimators
     from ..benchmarks.suites.spec import Limits
     from ..captures import open_captures
+    from ..estimators.labels import each_label
     from ..scenes.errors import InputError
     from ..scenes.validate import validate_spec
 
-    chosen = check_estimators(estimators)
+    chosen = check_estimators(estimators if isinstance(estimators, str) else each_label(estimators))
     if not chosen:
         raise InputError("No estimator is named.", where="-e", next_step="beambench estimators list")
     given = {"time_s": time_limit_s, "memory_bytes": memory_limit_bytes}

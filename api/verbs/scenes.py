@@ -1,4 +1,4 @@
-"""`beambench scenes list`, `beambench scenes show` and `beambench scenes preview`."""
+"""`beambench scenes list`, `show`, `preview` and `new`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
-__all__ = ["scenes_list", "scenes_preview", "scenes_show"]
+__all__ = ["scenes_list", "scenes_new", "scenes_preview", "scenes_show"]
+
+_HEAD = """A scene: target, medium, rig. Look at it: beambench scenes preview {file}    Make a capture: beambench generate {file}
+Every key, with unit and range, is in the documentation, "Scene files". No physical value has a default."""
 
 
 def scenes_list() -> list[dict[str, Any]]:
@@ -56,6 +59,29 @@ def scenes_show(scene: str | Path | Mapping[str, Any] | Scene, *, overrides: Map
     from ..scenes.load import load_scene
 
     return load_scene(scene, overrides)
+
+
+def scenes_new(name: str, *, like: str = "flat-wall", out: str | Path | None = None, overwrite: bool = False) -> Path:
+    """Write the file of a scene of your own, begun from one of the library, with its comments.
+
+    Main arguments:
+        name: Name of the new scene.
+    Other arguments:
+        like: Scene of the library that it begins from.
+        out: The file; ./<name>.toml by default.
+        overwrite: Replace an existing file.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        InputError: A bad name, no such scene, or a file that exists.
+    """
+    from ..scenes.load import list_scenes
+    from ..scenes.spec_files import LIBRARY
+    from .new_file import write_new
+
+    return write_new(name, "scene", "name", LIBRARY, list_scenes(), like, out, overwrite, _HEAD)
 
 
 def scenes_preview(

@@ -15,10 +15,11 @@ def suite_changes(overrides: Mapping[str, Any] | None, estimators: Sequence[str]
         InputError: One label is given in place of a list.
     """
     from ..benchmarks.runner.estimator_labels import check_estimators
+    from ..estimators.labels import each_label
 
     changes = dict(overrides or {})
     if isinstance(estimators, str):
         check_estimators(estimators)  # refuses text, whose letters would pass for labels
     if estimators:
-        changes["estimators"] = list(estimators)
+        changes["estimators"] = each_label(estimators)
     return changes

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ...scenes.json_keys import read_json
 from .items import Item
 from .sealed import seal_of
@@ -83,7 +83,7 @@ def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given
         raise InputError(
             "The capture does not record how it was generated.",
             where=where,
-            value=str(error),
+            value=reason(error),
             allowed="a capture made by `beambench generate`",
         ) from error
     return item

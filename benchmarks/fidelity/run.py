@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ...scenes.json_keys import read_json
 from ..folders.files import write_json, write_text
 from ..folders.kinds import FIDELITY
@@ -77,7 +77,7 @@ def _state(folder: Path, seed: int) -> tuple[list[dict[str, Any]], list[dict[str
         raise InputError(
             "The measurement cannot be resumed: the record of its scenes cannot be read.",
             where=str(folder / _STATE),
-            value=str(error),
+            value=reason(error),
             next_step="add --overwrite to measure anew, or choose another --out",
         ) from error
     if drawn != seed:

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ...captures.store.journal import fsync_path, write_file
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ...scenes.json_keys import read_json
 from .kinds import Kind
 
@@ -169,7 +169,7 @@ def _read(out: Path, kind: Kind) -> Plan:
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
             "The plan of an interrupted exchange is damaged, or does not belong to this verb.",
-            where=str(out / EXCHANGE), value=str(error), allowed=f"written by `beambench {kind.verb}`",
+            where=str(out / EXCHANGE), value=reason(error), allowed=f"written by `beambench {kind.verb}`",
             next_step="choose another --out; the folder's files stay as they are",
         ) from error  # fmt: skip
     return plan

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 
 __all__ = ["write_atomic", "write_json", "write_text"]
 
@@ -35,7 +35,7 @@ def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
         raise InputError(
             "The file cannot be written.",
             where=str(path),
-            value=error.strerror or str(error),
+            value=reason(error),
             next_step="choose another --out, or free space on the disk",
         ) from error
     except BaseException:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimators.labels import label_of
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ..folders.files import write_text
 from ..report.data import read_run
 from ..scores.error_tiles import read_tiles
@@ -182,7 +182,7 @@ def read_baseline(path: Path) -> Figures:
             next_step=f"beambench gate RUN --baseline {path} --update --why 'first baseline'",
         ) from error  # fmt: skip
     except (OSError, ValueError) as error:
-        raise InputError("The baseline cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("The baseline cannot be read.", where=str(path), value=reason(error)) from error
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (_FORMAT, _VERSION):
         raise InputError(
             "The file is not a baseline that this version reads.", where=str(path), allowed=f"{_FORMAT}, version {_VERSION}",

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...captures.layouts import LAYOUTS, layout_of
 from ...estimators.labels import label_of
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ...scenes.json_keys import read_json
 from ..folders.exchange import refuse_unfinished
 from ..statistics.pooled import bias_is_real, weakest_kind
@@ -43,7 +43,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     try:
         record = read_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError("The file run.json cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("The file run.json cannot be read.", where=str(path), value=reason(error)) from error
     if not isinstance(record, dict):
         raise InputError("The file run.json does not hold a JSON object.", where=str(path), value=type(record).__name__)
     for name, kind, word in (

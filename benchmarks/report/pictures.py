@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ...scenes.npz import read_npz
 
 __all__ = [
@@ -101,7 +101,7 @@ def _read(path: Path) -> Picture:
         shown = tuple(map(str, data["shown"])) if "shown" in data else ("1e3", "mm")
         scale = float(shown[0]), shown[1]
     except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise InputError("A picture file cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("A picture file cannot be read.", where=str(path), value=reason(error)) from error
     shape = arrays[first].shape
     if len(shape) != 2 or not 0 < arrays[first].size <= _MAX_ELEMENTS or any(a.shape != shape for a in arrays.values()):
         raise InputError(

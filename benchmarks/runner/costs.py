@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...estimators.labels import label_of
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ..folders.files import write_text
 from ..runner.session import Outcome
 from ..scores.tables import read_numbers, to_csv
@@ -73,7 +73,7 @@ def read_costs(folder: Path) -> list[dict[str, Any]]:
                 row[name] = float(row.get(name) or math.nan)
             except (TypeError, ValueError) as error:
                 raise InputError(
-                    "The table of costs cannot be read.", where=str(folder / "costs.csv"), value=str(error)
+                    "The table of costs cannot be read.", where=str(folder / "costs.csv"), value=reason(error)
                 ) from error
     return rows
 

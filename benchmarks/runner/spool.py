@@ -16,7 +16,7 @@ import xarray as xr
 
 from ...captures.hide import hide_truth
 from ...captures.sizes import sizes_of
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ..scores.truth import Bound, Truth
 from ..suites.suite import Cell
 from .protocol import file_sums, write_capture, write_meta
@@ -43,7 +43,7 @@ def unusable(error: OSError) -> InputError:
     return InputError(
         "The folder for temporary files cannot be used.",
         where=tempfile.gettempdir(),
-        value=error.strerror or str(error),
+        value=reason(error),
         next_step="make room there, or set TMPDIR to another folder",
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...captures.quantities import Stage
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ...scenes.json_keys import read_json
 from ...scenes.npz import read_npz
 from ..folders.files import write_atomic
@@ -110,5 +110,5 @@ def read_tiles(folder: Path) -> dict[TileKey, tuple[Float, Float]]:
             (str(k[0]), str(k[1]), int(k[2]), str(k[3])): (a, n) for k, a, n in zip(keys, sums, counts, strict=True)
         }
     except (ValueError, KeyError, IndexError, TypeError, RecursionError) as error:
-        raise InputError("The errors by tile cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("The errors by tile cannot be read.", where=str(path), value=reason(error)) from error
     return found

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from ..folders.files import write_atomic, write_text
 from ..statistics.tables import Tiles, inference_tables
 from .score import ACCURACY, COLUMNS, KEY
@@ -121,7 +121,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
             blanks = {name: ["", "nan", "NaN"] for name in numbers}
             table = pd.read_csv(path, dtype=dict.fromkeys(_READ_AS_TEXT, str), keep_default_na=False, na_values=blanks)
     except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise InputError("The score table cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError("The score table cannot be read.", where=str(path), value=reason(error)) from error
     missing = [name for name in COLUMNS if name not in table.columns]
     if missing:
         raise InputError(
@@ -137,7 +137,7 @@ def read_scores(path: str | Path) -> pd.DataFrame:
             table[name] = pd.to_numeric(table[name]).astype(float)
         except (ValueError, TypeError) as error:
             raise InputError(
-                "A column of numbers contains other values.", where=f"{path}: {name}", value=str(error)
+                "A column of numbers contains other values.", where=f"{path}: {name}", value=reason(error)
             ) from error
     for name in _INTEGERS:
         if (wrong := ~table[name].map(_is_whole)).any():
@@ -178,5 +178,5 @@ def read_numbers(
             if wrong := [name for name in whole if not _is_whole(row[name])]:
                 raise ValueError(f"{wrong[0]} is {row[wrong[0]]}, and no whole number")
     except (OSError, ValueError, KeyError, TypeError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{what} cannot be read.", where=str(path), value=str(error)) from error
+        raise InputError(f"{what} cannot be read.", where=str(path), value=reason(error)) from error
     return rows

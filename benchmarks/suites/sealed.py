@@ -15,7 +15,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 
 __all__ = ["Key", "read_key"]
 
@@ -54,7 +54,7 @@ def read_key(path: str | Path) -> Key:
             text = file.read(_MOST_BYTES + 1)
     except OSError as error:
         raise InputError(
-            "The key cannot be read.", where=str(place), value=error.strerror or str(error),
+            "The key cannot be read.", where=str(place), value=reason(error),
             next_step="make one with: openssl rand -hex 32 > challenge.key",
         ) from None  # fmt: skip
     digits = text.strip()

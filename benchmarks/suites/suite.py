@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ...scenes.datasets.spec import list_datasets
 from ...scenes.errors import InputError
-from ...scenes.load import anchored_overrides, load_scene
+from ...scenes.load import anchored_overrides, list_scenes, load_scene
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
@@ -103,6 +104,22 @@ def list_suites() -> list[str]:
     return sorted(path.stem for path in SUITES.glob("*.toml"))
 
 
+def _not_a_suite(source: str, kind: str) -> InputError:
+    return InputError(
+        f"This is a {kind}, not a suite.", where="suite", value=source,
+        allowed="the name of a suite (beambench suites list), or its .toml or .json file",
+        next_step=f"beambench generate {source}",
+    )  # fmt: skip
+
+
+def _check_is_suite(source: str) -> None:
+    """Refuse the name of a scene or a data set. Raises InputError."""
+    if source not in list_suites():
+        for kind, names in (("scene", list_scenes()), ("data set", list_datasets())):
+            if source in names and not Path(source).is_file():
+                raise _not_a_suite(source, kind)
+
+
 def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Loaded:
     """Load and validate a suite and all its scenes.
 
@@ -120,8 +137,11 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
     if isinstance(source, Mapping):
         data, where, folder, own = dict(source), "suite data", Path.cwd(), True
     else:
+        _check_is_suite(str(source))
         path = find_spec_file(str(source), SUITES, kind="suite", next_step="beambench run quickstart")
         data, where, folder, own = read_spec_file(path), str(source), path.parent, False
+        if "rig" in data and not {"scenes", "parts"} & set(data):
+            raise _not_a_suite(str(source), "scene")
     of_suite, of_scenes = _split(overrides or {})
     of_variants = {path: value for path, value in of_suite.items() if path.split(".")[0] == "variants"}
     data = apply_overrides(data, of_variants) if of_variants else data

@@ -22,7 +22,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...captures import open_captures
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, reason
 from .learned import predict, read_weights
 from .tools.features import FEATURES, SIGNIFICANCE, features_of
 from .tools.instrument import instrument_of
@@ -235,6 +235,6 @@ def _write(path: Path, arrays: Mapping[str, Any]) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise InputError(
-            "The weights cannot be written.", where=str(path), value=error.strerror or str(error),
+            "The weights cannot be written.", where=str(path), value=reason(error),
             next_step="choose another place with --out, or make room",
         ) from error  # fmt: skip

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, reason
 from .gltf import read_gltf
 from .gltf_data import outside_files
 from .obj import read_obj
@@ -60,7 +60,7 @@ def read_mesh_file(path: Path, where: str) -> Surface:
         RecursionError,
     ) as error:
         # A reader tells what is wrong by a ValueError; the others come of documents whose parts are of a wrong type.
-        told = str(error) if isinstance(error, ValueError | OSError) else f"a part is of the wrong form ({error!r})"
+        told = reason(error) if isinstance(error, ValueError | OSError) else f"a part is of the wrong form ({error!r})"
         raise InputError("The mesh cannot be read.", where=where, value=f"{path.name}: {told}") from error
 
 
