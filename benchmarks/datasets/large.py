@@ -17,6 +17,7 @@ from .jobs import Job, Jobs, identity_of
 from .outline import check_parts, free_bytes_at, lengths_of, most_workers, pilot, staff
 
 if TYPE_CHECKING:
+    from ...captures.store.shard_receipts import Receipt
     from ...scenes.datasets.draws import Draws
     from ..folders.progress import Progress
 
@@ -64,11 +65,7 @@ def make_dataset(
     if resume and is_sharded(out):
         manifest = load_sharded(out)
         _check_identity(out, manifest.facts.get("identity"), identity)
-        if manifest.count > draws.data.captures:
-            raise InputError(
-                "The data set there has more captures, which would be lost.", where=str(out), value=draws.data.captures,
-                allowed=f"{manifest.count} or more", next_step="choose another --out, or give --overwrite",
-            )  # fmt: skip
+        _refuse_fewer(out, max(manifest.count, int(manifest.facts.get("asked", 0))), draws.data.captures)
     if resume and is_sharded(out) and not partial.exists():
         if manifest.count == draws.data.captures:
             return Made(out, manifest.content, manifest.count, kept=manifest.count)
@@ -99,6 +96,15 @@ def _check_identity(where: Path, found: object, identity: str) -> None:
         raise InputError(
             "The existing captures are not of this data set: another file, other scenes, or other meshes.", where=str(where),
             value=str(found)[:16], allowed=identity[:16], next_step="choose another --out, or give --overwrite",
+        )  # fmt: skip
+
+
+def _refuse_fewer(where: Path, there: int, asked: int) -> None:
+    """Refuse fewer captures than were asked for before, finished or not: some that are made would be lost."""
+    if asked < there:
+        raise InputError(
+            "The data set there has more captures, which would be lost.", where=str(where), value=asked,
+            allowed=f"{there} or more", next_step="choose another --out, or give --overwrite",
         )  # fmt: skip
 
 
@@ -145,6 +151,7 @@ def _opened(
         else:
             request = read_request(partial)
             _check_identity(partial, request.get("identity"), identity)
+            _refuse_fewer(partial, int(request["count"]), draws.data.captures)
             if request["count"] != draws.data.captures:
                 request = request | {"count": draws.data.captures}
                 write_request(partial, request)
@@ -197,23 +204,11 @@ def _is_number(value: Any) -> bool:
 
 def _drop_damaged(partial: Path) -> int:
     """Remove the receipts of damaged shards, which are then made again, and return their number. Raises InputError."""
-    from ...captures.store.shard_receipts import (
-        COPY,
-        RECEIPTS,
-        Receipt,
-        list_receipts,
-        read_either,
-        receipt_name,
-        write_receipt,
-    )
-    from ...captures.store.shard_verify import shard_damage
+    from ...captures.store.shard_receipts import COPY, RECEIPTS, list_receipts, receipt_name, write_receipt
 
     dropped = 0
     for place in list_receipts(partial):
-        receipt: Receipt | None = None
-        with suppress(InputError):
-            found = read_either(partial, *place)
-            receipt = None if shard_damage(partial, found) else found
+        receipt = _sound(partial, place)
         names = [receipt_name(*place), receipt_name(*place) + COPY]
         if receipt is None:
             dropped += 1
@@ -227,18 +222,29 @@ def _drop_damaged(partial: Path) -> int:
     return dropped
 
 
+def _sound(root: Path, place: tuple[str, int]) -> Receipt | None:
+    """The receipt of a shard whose files are as they were written; None for any other."""
+    from ...captures.store.shard_receipts import read_either
+    from ...captures.store.shard_verify import shard_damage
+
+    with suppress(InputError):
+        receipt = read_either(root, *place)
+        return None if shard_damage(root, receipt) else receipt
+    return None
+
+
 def _link(store: Path, partial: Path, draws: Draws) -> None:
-    """Take over the whole shards of a complete store that is to grow: its files get a second name. Raises InputError, OSError."""
+    """Take over the whole and sound shards of a store that is to grow: their files get a second name. Raises InputError, OSError."""
     from ...captures.store.shard_chunks import shard_key
     from ...captures.store.shard_finish import read_request, write_request
-    from ...captures.store.shard_receipts import list_receipts, read_either, write_receipt
+    from ...captures.store.shard_receipts import list_receipts, write_receipt
 
     old = read_request(store)
     request = old | {"count": draws.data.captures, "dataset": draws.data.model_dump(mode="json")}
     write_request(partial, request)
     for place in list_receipts(store):
-        receipt = read_either(store, *place)
-        if len(receipt.captures) < receipt.length:
+        receipt = _sound(store, place)
+        if receipt is None or len(receipt.captures) < receipt.length:
             continue
         for name, entry in receipt.structure.items():
             inside = Path(receipt.group) / name / shard_key(receipt.shard, entry)
@@ -299,7 +305,8 @@ class _Run:
         from ...captures.store.shard_receipts import read_either
 
         with suppress(InputError):
-            return read_either(self._partial, job.group, job.shard).job == job.key(self._identity)
+            receipt = read_either(self._partial, job.group, job.shard)
+            return receipt.job == job.key(self._identity) and len(receipt.captures) == len(job.rows)
         return False
 
     def _task(self, job: Job) -> Task:

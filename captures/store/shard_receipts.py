@@ -69,6 +69,7 @@ class Receipt:
         group, shard, modality, structure: its place and its layout. length: captures of a whole shard.
         captures, texts: what it holds, and long attributes by their sha256. job: what identifies the request.
     Other arguments:
+        lost: captures that a repair had to drop; each is made again from its attributes, and known by the sha256 of its chunks.
         raw: the bytes of the file that it was read from: another version of zlib may write others.
     """
 
@@ -80,6 +81,7 @@ class Receipt:
     captures: list[Held]
     texts: dict[str, str]
     job: str = ""
+    lost: list[Held] = field(default_factory=list)
     raw: bytes = field(default=b"", compare=False, repr=False)
 
     @property
@@ -96,6 +98,8 @@ class Receipt:
             "modality": self.modality, "structure": self.structure, "length": self.length, "job": self.job,
             "captures": [vars(one) for one in self.captures], "texts": self.texts,
         }  # fmt: skip
+        if self.lost:
+            body["lost"] = [vars(one) for one in self.lost]
         text = json.dumps(body, sort_keys=True).encode()
         return zlib.compress(hashlib.sha256(text).hexdigest().encode() + b" " + text, 6)
 
@@ -196,9 +200,10 @@ def _checked(body: Any, group: str, shard: int) -> Receipt:
     if type(length) is not int or not 0 < length <= 2**20 or not isinstance(texts, dict):
         raise ValueError("it states no length, or no texts")
     captures = [_held(one, structure, texts, length) for one in body["captures"]]
-    if len({one.row for one in captures}) != len(captures):
+    lost = [_held(one, structure, texts, length) for one in body.get("lost", [])]
+    if len({one.row for one in (*captures, *lost)}) != len(captures) + len(lost):
         raise ValueError("two captures have one place")
-    return Receipt(group, shard, str(body["modality"]), structure, length, captures, texts, str(body["job"]))
+    return Receipt(group, shard, str(body["modality"]), structure, length, captures, texts, str(body["job"]), lost)
 
 
 def _held(one: Any, structure: Structure, texts: dict[str, str], length: int) -> Held:
