@@ -104,8 +104,11 @@ def _pilot_of(group: str, told: Mapping[str, Any]) -> Pilot:
 
 
 def lengths_of(draws: Draws, pilots: Mapping[str, Pilot]) -> dict[str, int]:
-    """Captures of a whole shard, by group."""
-    return {name: shard_length(one.decoded, len(one.structure), draws.data.captures) for name, one in pilots.items()}
+    """Captures of a whole shard, by group: as many as the data set says, if it does."""
+    asked = draws.data.per_shard
+    return {
+        name: asked or shard_length(one.decoded, len(one.structure), draws.data.captures) for name, one in pilots.items()
+    }
 
 
 def outline(draws: Draws, out: Path, workers: int | None) -> dict[str, Any]:

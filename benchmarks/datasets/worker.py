@@ -159,11 +159,10 @@ def _end_with_parent() -> None:
     import ctypes
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG = 1
-    if parent == 1:
-        sys.exit(1)  # the parent ended before
+    if os.getppid() != int(sys.argv[1]):
+        sys.exit(1)  # the parent ended before; it may itself be process 1, in a container
 
 
 def _limit_threads(count: int) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import secrets
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -141,9 +142,11 @@ def write_receipt(root: Path, receipt: Receipt) -> bytes:
     """Write a receipt and its copy, forced to disk with their folder, and return its bytes. Raises OSError."""
     content = receipt.content_bytes()
     name = receipt_name(receipt.group, receipt.shard)
+    # Another machine may write the same shard, of a worker that was taken for dead: each has temporary files of its own.
+    mark = secrets.token_hex(16)
     # The copy first: a receipt without a copy is never there, but for damage.
-    write_file(root / RECEIPTS / (name + COPY), content)
-    write_file(root / RECEIPTS / name, content)
+    write_file(root / RECEIPTS / (name + COPY), content, mark)
+    write_file(root / RECEIPTS / name, content, mark)
     fsync_path(root / RECEIPTS)
     return content
 

@@ -123,7 +123,9 @@ def mend_shards(root: Path, make: Make | None) -> tuple[tuple[int, ...], tuple[i
         try:
             receipt = read_either(root, *place)
         except InputError:
-            reasons.append(f"shard {receipt_name(*place)}: both of its receipts are damaged; `generate … --resume` makes it again")
+            reasons.append(
+                f"shard {receipt_name(*place)}: both of its receipts are damaged; `generate … --resume` makes it again"
+            )
             for name in (receipt_name(*place), receipt_name(*place) + COPY):
                 (root / RECEIPTS / name).unlink(missing_ok=True)
             continue
@@ -199,7 +201,10 @@ class _Shard:
         captures = [held for held in old.captures if held.row not in rows] + back
         lost = [held for held in old.lost if held.row not in returned] + gone
         return replace(
-            old, captures=sorted(captures, key=lambda held: held.row), lost=sorted(lost, key=lambda held: held.row), raw=b""
+            old,
+            captures=sorted(captures, key=lambda held: held.row),
+            lost=sorted(lost, key=lambda held: held.row),
+            raw=b"",
         )
 
     def _touched(self) -> Iterable[str]:
