@@ -107,7 +107,8 @@ def lengths_of(draws: Draws, pilots: Mapping[str, Pilot]) -> dict[str, int]:
     """Captures of a whole shard, by group: as many as the data set says, if it does."""
     asked = draws.data.per_shard
     return {
-        name: asked or shard_length(one.decoded, len(one.structure), draws.data.captures) for name, one in pilots.items()
+        name: asked or shard_length(one.decoded, len(one.structure), draws.data.captures)
+        for name, one in pilots.items()
     }
 
 
