@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from ...scenes.errors import InputError
-from .outline import check_parts, lengths_of, pilot
+from .outline import check_parts, pilot, request_of
 
 if TYPE_CHECKING:
     from ...captures.store.shard_receipts import Receipt
@@ -59,7 +59,9 @@ def opened(
     new = not partial.exists()
     expected_s = 0.0
     if new:
-        request, expected_s = _request(draws, identity)
+        check_parts(draws)
+        pilots = pilot(draws, len(draws.data.scenes))
+        request, expected_s = request_of(draws, identity, pilots), max(one.cpu_s for one in pilots.values())
         partial.parent.mkdir(parents=True, exist_ok=True)
         partial.mkdir()
         with open(partial / JOURNAL, "xb") as file:
@@ -97,35 +99,6 @@ def locked(journal: Path, *, shared: bool = False) -> Iterator[IO[bytes]]:
                     raise
                 time.sleep(0.1)
         yield file
-
-
-def _request(draws: Draws, identity: str) -> tuple[dict[str, Any], float]:
-    """What the store records of the request, with the layout of its groups by a pilot, and the time of a capture, s.
-
-    Raises InputError.
-    """
-    from ...captures.sources import bare_scene
-    from ...scenes.datasets.distributions import Choice, Expressed, Grid
-
-    check_parts(draws)
-    pilots = pilot(draws, len(draws.data.scenes))
-    parameters = draws.data.parameters.items()
-    texts = [n for n, p in parameters if isinstance(p, Choice | Grid) and not all(map(_is_number, p.values))]
-    numbers = [n for n, p in parameters if n not in texts or isinstance(p, Expressed)]
-    lengths = lengths_of(draws, pilots)
-    request = {
-        "name": draws.data.dataset, "version": draws.data.version, "identity": identity, "count": draws.data.captures,
-        "numbers": numbers, "texts": texts,
-        "groups": {name: {"structure": one.structure, "length": lengths[name], "stored": one.stored,
-                          "decoded": one.decoded} for name, one in pilots.items()},
-        "dataset": draws.data.model_dump(mode="json"),
-        "scenes": {name: bare_scene(one) for name, one in draws.scenes.items()},
-    }  # fmt: skip
-    return request, max(one.cpu_s for one in pilots.values())
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _drop_damaged(partial: Path) -> int:
