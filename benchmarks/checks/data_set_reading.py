@@ -2,9 +2,9 @@
 
     python -m beambench.benchmarks.checks.data_set_reading --few 100 --many 10000 --rounds 5
 
-Writes two stores of small captures, reads one array of up to 1,000 captures of the larger one by zarr itself and by the readers, in
-turn, and tells captures/s by processor time. Memory is the most that a process had which opened a store, read its index and streamed
-it once.
+Writes two stores of small captures, reads one array of up to 1,000 captures of the larger one by zarr itself and by the
+readers, in turn, and tells captures/s by processor time. Memory is the most that a process had which opened a store, read its
+index and streamed it once.
 """
 
 from __future__ import annotations

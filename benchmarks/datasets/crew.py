@@ -34,6 +34,8 @@ _TIMES = 20.0
 _UNKNOWN_S = 1800.0
 #: What a worker may take longer for its first capture: it imports and compiles, s.
 _START_S = 120.0
+#: Time between two looks at the workers, s.
+_LOOK_S = 1.0
 #: Processor time above which a worker works, as a share of the time.
 _BUSY = 0.001
 _COMMAND = "from beambench.benchmarks.datasets.worker import main; main()"
@@ -192,7 +194,7 @@ class Crew:
         Raises InputError where no work can go on (a full disk): what is complete stays.
         """
         waiting = iter(tasks)
-        listened = time.monotonic()
+        listened = looked = time.monotonic()
         while True:
             self._hand_out(waiting)
             busy = [member for member in self._members if member.task is not None]
@@ -205,15 +207,19 @@ class Crew:
                 for member in busy:
                     member.wait(gap)
             listened += gap
-            if not self._wanted():
-                raise InputError(
-                    "The work is no longer wanted.", where="worker", next_step="another run has taken over"
-                )
-            for member in busy:
-                why = self._hung(member) if member.task is not None and member in self._members else ""
-                lost = self._bury(member, why) if why else None
-                if lost is not None:
-                    yield lost
+            if listened - looked > _LOOK_S:
+                looked = listened
+                yield from self._look(busy)
+
+    def _look(self, busy: list[_Member]) -> Iterator[Task]:
+        """Whether the work is still wanted, and whether workers hang: the tasks that are set aside for that. Raises InputError."""
+        if not self._wanted():
+            raise InputError("The work is no longer wanted.", where="worker", next_step="another run has taken over")
+        for member in busy:
+            why = self._hung(member) if member.task is not None and member in self._members else ""
+            lost = self._bury(member, why) if why else None
+            if lost is not None:
+                yield lost
 
     def _hung(self, member: _Member) -> str:
         """Why a worker counts as hung, or ""."""
