@@ -1,7 +1,7 @@
 """Damage to a data set, and a disk that is full: each flipped bit and cut file is found and mended, and a full disk loses nothing.
 
     python -m beambench.benchmarks.checks.data_set_damage --tries 200
-    python -m beambench.benchmarks.checks.data_set_damage --tries 0 --disk FOLDER    # a small file system, such as a tmpfs of 600 kB
+    python -m beambench.benchmarks.checks.data_set_damage --tries 0 --disk FOLDER    # a small file system, such as a tmpfs
 
 A data set is made by the command. Each try flips one bit of one of its files, or cuts it off, the file by chance: `verify` must
 name it, and `repair`, which makes captures again, must give the very bytes that were there. With `--disk` the data set is made
