@@ -18,16 +18,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...captures.provenance import cpu
 from ...scenes.errors import InputError
 from .crew import MOST_TRIES, Task, error_of
 from .place import sound_receipt
 from .remote import about, leave, look, make
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
 
 __all__ = ["Cluster"]
 
@@ -58,8 +55,9 @@ class Cluster:
         settings = {"token": self._token, "limit_s": limit_s, "expected_s": expected_s}
         self._begin = json.dumps({"begin": begin, **settings})
         self._again: deque[Task] = deque()
-        self._ended: queue.SimpleQueue[tuple[Future[str], Task]] = queue.SimpleQueue()
+        self._ended: queue.SimpleQueue[tuple[Any, Task]] = queue.SimpleQueue()
         self._sent = 0
+        self._client: Any = None
         #: What happened to workers, for the report: one line each.
         self.events: list[str] = []
 
@@ -127,7 +125,7 @@ class Cluster:
         future = self._client.submit(make, self._begin, json.dumps(task.line), key=name, pure=False, retries=0)
         future.add_done_callback(lambda ended, task=task: self._ended.put((ended, task)))
 
-    def _told(self, future: Future[str]) -> dict[str, Any]:
+    def _told(self, future: Any) -> dict[str, Any]:
         """What a worker told of its task; where Dask tells instead, that it failed."""
         if future.cancelled():
             raise InputError(
@@ -216,7 +214,7 @@ class Cluster:
             self.events.append(f"other processors, whose captures may differ in their last bits: {', '.join(others)}")
 
 
-def _client(address: str) -> Client:
+def _client(address: str) -> Any:
     """A connection to the scheduler. Raises InputError."""
     try:
         from distributed import Client

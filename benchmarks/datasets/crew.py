@@ -214,7 +214,7 @@ class Crew:
     def _look(self, busy: list[_Member]) -> Iterator[Task]:
         """Whether the work is still wanted, and whether workers hang: the tasks that are set aside for that. Raises InputError."""
         if not self._wanted():
-            raise InputError("The work is no longer wanted.", where="worker", next_step="another run has taken over")
+            raise InputError("The run that this work is part of has ended.", where="worker")
         for member in busy:
             why = self._hung(member) if member.task is not None and member in self._members else ""
             lost = self._bury(member, why) if why else None
