@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,10 @@ from .hdf5_input import Hdf5Input, hdf5_input
 from .layouts import layout_of, stage_of
 from .quantities import Stage, possible_sigma, possible_value
 
-__all__ = ["Estimates", "list_estimates", "read_estimates", "write_estimates"]
+if TYPE_CHECKING:
+    from .hdf5 import Hdf5Output
+
+__all__ = ["Estimates", "EstimatesOutput", "estimates_output", "list_estimates", "read_estimates", "write_estimates"]
 
 SCHEMA_VERSION = 1
 #: Longest dimension that an estimator may choose.
@@ -53,45 +57,96 @@ class Estimates:
 
 def write_estimates(path: Path, estimates: Estimates) -> None:
     """Write a file completely or not at all. Raises InputError if the disk is full or the file cannot be written."""
-    import h5py
+    with estimates_output(path, estimates.label, estimates.modality, estimates.captures_sha256) as output:
+        for number, arrays in enumerate(estimates.arrays):
+            costs = (estimates.cpu_s[number], estimates.wall_s[number], estimates.peak_bytes[number])
+            output.add(arrays, estimates.gives, costs, estimates.status[number])
 
+
+@contextmanager
+def estimates_output(path: Path, label: str, modality: str, captures_sha256: str = "") -> Iterator[EstimatesOutput]:
+    """A file of estimates that takes one capture after the other, and is there when the block has ended without an error.
+
+    Main arguments:
+        path: the file. label, modality, captures_sha256: as of `Estimates`.
+
+    Raises InputError if the disk is full or the file cannot be written.
+    """
     from .hdf5 import hdf5_output
 
-    stage = estimates.gives
     with hdf5_output(path) as output:
         file = output.h5
-        file.attrs.update(schema_version=SCHEMA_VERSION, estimator=estimates.label, modality=estimates.modality)
-        file.attrs["stage"] = stage.word
-        if estimates.captures_sha256:
-            file.attrs["captures_sha256"] = estimates.captures_sha256
+        file.attrs.update(schema_version=SCHEMA_VERSION, estimator=label, modality=modality)
+        if captures_sha256:
+            file.attrs["captures_sha256"] = captures_sha256
+        taken = EstimatesOutput(output)
+        yield taken
+        taken.finish(layout_of(modality).stages[0])
+
+
+class EstimatesOutput:
+    """An open file of estimates: one capture is in memory at a time."""
+
+    def __init__(self, output: Hdf5Output) -> None:
+        self._output, self._stage = output, ""
+        #: Status of each capture so far.
+        self.status: list[str] = []
+        self._costs: list[tuple[float, float, float]] = []
+
+    def add(
+        self, arrays: Mapping[str, NDArray[Any]] | None, stage: Stage, costs: tuple[float, float, float], status: str
+    ) -> None:
+        """Append the estimates of one capture, None where there are none; `costs` are cpu_s, wall_s, peak_bytes."""
+        number = len(self.status)
+        self.status.append(status)
+        self._costs.append(costs)
+        if not number:
+            # The first capture tells the stage also where the estimator gave nothing.
+            self._stage = stage.word
+        if arrays is None:
+            return
         for quantity in stage.gives:
             names = stage.variables(quantity)
             for name in names.all:
-                stack = _stacked(estimates.arrays, name, len(stage.dims()[name]), flag=name == names.valid)
-                dataset = file.create_dataset(
-                    name,
-                    data=stack,
-                    chunks=(1, *stack.shape[1:]) if stack.size else None,
-                    compression="gzip" if stack.size else None,
-                    fletcher32=bool(stack.size),
-                )
-                if name != names.valid:
-                    dataset.attrs["units"] = quantity.unit
-        for name in ("cpu_s", "wall_s", "peak_bytes"):
-            file.create_dataset(name, data=np.asarray(getattr(estimates, name), dtype="f8"))
-        file.create_dataset("status", data=estimates.status, dtype=h5py.string_dtype())
+                self._put(number, name, np.asarray(arrays[name]), name == names.valid, quantity.unit)
+        self._output.check()
 
+    def _put(self, number: int, name: str, values: NDArray[Any], flag: bool, unit: str) -> None:
+        """One variable of one capture; NaN (False) where an estimator chose a shorter dimension than for others."""
+        file = self._output.h5
+        if name not in file:
+            self._create(name, values.shape, flag, unit)
+        dataset = file[name]
+        shape = (number + 1, *(max(pair) for pair in zip(dataset.shape[1:], values.shape, strict=True)))
+        dataset.resize(shape)
+        dataset[(number, *(slice(0, length) for length in values.shape))] = values
 
-def _stacked(arrays: list[dict[str, NDArray[Any]] | None], name: str, ndim: int, *, flag: bool) -> NDArray[Any]:
-    """One variable of all captures; NaN (False) where the estimator returned nothing, or chose a shorter dimension."""
-    shapes = [np.shape(one[name]) for one in arrays if one is not None]
-    shape = tuple(max(lengths) for lengths in zip(*shapes, strict=True)) if shapes else (0,) * ndim
-    stack = np.full((len(arrays), *shape), False if flag else np.nan, dtype="?" if flag else "f8")
-    for index, one in enumerate(arrays):
-        if one is not None:
-            place: tuple[slice, ...] = tuple(slice(0, length) for length in np.shape(one[name]))
-            stack[index][place] = one[name]
-    return stack
+    def _create(self, name: str, shape: tuple[int, ...], flag: bool, unit: str) -> None:
+        whole = all(shape)
+        dataset = self._output.h5.create_dataset(
+            name, (0, *shape), dtype="?" if flag else "f8", maxshape=(None,) * (1 + len(shape)),
+            chunks=(1, *(max(length, 1) for length in shape)), fillvalue=False if flag else np.nan,
+            compression="gzip" if whole else None, fletcher32=whole,
+        )  # fmt: skip
+        if not flag:
+            dataset.attrs["units"] = unit
+
+    def finish(self, first: Stage) -> None:
+        """Write what is known at the end; `first` is the stage where nothing was added."""
+        import h5py
+
+        file, count = self._output.h5, len(self.status)
+        stage = stage_of(self._stage) if self._stage else first
+        file.attrs["stage"] = stage.word
+        for quantity in stage.gives:
+            names = stage.variables(quantity)
+            for name in names.all:
+                if name not in file:
+                    self._create(name, (0,) * len(stage.dims()[name]), name == names.valid, quantity.unit)
+                file[name].resize(count, axis=0)
+        for name, values in zip(("cpu_s", "wall_s", "peak_bytes"), zip(*self._costs, strict=True), strict=False):
+            file.create_dataset(name, data=np.asarray(values, dtype="f8"))
+        file.create_dataset("status", data=self.status, dtype=h5py.string_dtype())
 
 
 def list_estimates(source: Path) -> list[Path]:

@@ -4,7 +4,7 @@
     stream = torch.utils.data.DataLoader(CaptureStream("gated-1k", part="train", seed=1), batch_size=8, num_workers=2)
 
 PyTorch is not needed to import or to use them: `Captures` has `__len__` and `__getitem__`, `CaptureStream` has `__iter__`, which is
-all that its `DataLoader` asks for. xarray reads a group of a store directly: `xarray.open_zarr("gated-1k/gated")`.
+all that its `DataLoader` asks for. For xarray there is `lazy.dataset`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,6 @@ from ..scenes.errors import InputError
 from .store.faces import open_captures
 from .store.reader import CaptureSet
 from .store.shard_set import ShardedSet
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 __all__ = ["CaptureStream", "Captures", "numpy_batches"]
 
@@ -88,12 +85,12 @@ class Captures:
             raise IndexError(index)
         return self.transform(self.read(int(self.places[index])))
 
-    def read(self, place: int) -> Sample:
-        """The arrays of the capture at a place of the store."""
-        captures = self.captures
+    def read(self, place: int, names: Sequence[str] | None = None) -> Sample:
+        """The arrays of the capture at a place of the store; `names` instead of those of this object."""
+        captures, names = self.captures, names or self.names
         if isinstance(captures, ShardedSet):
-            return captures.values(place, self.names)
-        return {str(name): np.asarray(one.values) for name, one in captures.load(place, self.names).variables.items()}
+            return captures.values(place, names)
+        return {str(name): np.asarray(one.values) for name, one in captures.load(place, names).variables.items()}
 
 
 class CaptureStream:
@@ -233,19 +230,17 @@ def _places(captures: CaptureSet, part: str | None) -> NDArray[np.int64]:
         return np.arange(len(captures), dtype=np.int64)
     if not isinstance(captures, ShardedSet):
         raise InputError("Only a data set has parts.", where=str(captures.path), value=part)
+    import pyarrow.compute as pc
+
     table = captures.table(["group", "part"])
-    own = _column(table, "part")[_column(table, "group") == captures.group]
-    places = np.flatnonzero(own == part).astype(np.int64)
+    own = table.filter(pc.equal(table["group"], captures.group))["part"]
+    places = np.flatnonzero(pc.fill_null(pc.equal(own, part), False).to_numpy()).astype(np.int64)
     if not places.size:
         raise InputError(
             "The data set has no captures of this part.", where=str(captures.path), value=part,
-            allowed=", ".join(sorted({str(name) for name in own if name})),
+            allowed=", ".join(sorted({str(name) for name in pc.unique(own).to_pylist() if name})),
         )  # fmt: skip
     return places
-
-
-def _column(table: pa.Table, name: str) -> NDArray[Any]:
-    return np.asarray(table.column(name).to_pylist(), dtype=object)
 
 
 def _worker() -> tuple[int, int]:

@@ -3,6 +3,8 @@
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
 `bound`, `gate`, `design`, `scenes new` and `suites …` are new, and so are `--compare`, `--chart` and `--overwrite` of
 `estimators check`.
+`bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`, and `--array`,
+`--dask`, `--job`, `--slurm` and `--time-limit-s` of `generate`.
 """
 
 from __future__ import annotations
@@ -166,8 +168,11 @@ gate: --who <text> default None
 gate: --why <text> default None
 gate: --yardstick <text> default None
 gate: FOLDER <text> required
+generate: --array <number> default None
+generate: --dask <text> default None
 generate: --debug <flag> default False
 generate: --fidelity <{direct,scatter,full,geometric,isolated,coherent,auto}> default None
+generate: --job <text> default None
 generate: --json <flag> default False
 generate: --like <text> default None
 generate: --out -o <text> default None
@@ -178,6 +183,8 @@ generate: --rtol <number|{noise}> default None
 generate: --sealed <text> default None
 generate: --seeds <number...> default None
 generate: --set <text...> default None
+generate: --slurm <text> default None
+generate: --time-limit-s <number> default None
 generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False
 generate: --workers <number> default None

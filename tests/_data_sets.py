@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-__all__ = ["ALL_KINDS", "TINY", "tiny"]
+__all__ = ["ALL_KINDS", "QUICK", "TINY", "tiny"]
 
 _GATED = {"rig.camera.rows": 6, "rig.camera.cols": 5, "rig.delays.count": 8, "rig.camera.pixel_pitch_m": 1e-4}
 
@@ -46,6 +46,19 @@ ALL_KINDS: dict[str, Any] = {
         {"scene": "gated-turbulence", "overrides": _SENSOR, "fidelity": "geometric"},
     ],
     "parameters": {"turn": {"kind": "uniform", "low": 0.9, "high": 1.0}},
+}
+
+#: The quickest data set: six shards of four captures.
+QUICK: dict[str, Any] = {
+    "schema_version": 1,
+    "dataset": "quick",
+    "captures": 24,
+    "per_shard": 4,
+    "seed": 1,
+    "fidelity": "direct",
+    "rtol": 0.1,
+    "scenes": [{"scene": "counter", "overrides": {"rig.record.shots": 4}}],
+    "parameters": {"albedo": {"kind": "uniform", "low": 0.05, "high": 0.9, "paths": ["target.0.material.albedo"]}},
 }
 
 

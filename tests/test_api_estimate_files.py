@@ -243,3 +243,51 @@ def test_one_estimator_that_reads_the_captures_is_enough(tmp_path: Path) -> None
         assert [text.decode() for text in file["status"][()]] == ["skip: reads amcw captures, not gated"]
     with h5py.File(folder / "peak.h5") as file:
         assert not file["status"][()][0].startswith(b"skip")
+
+
+def test_captures_are_laid_out_one_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A data set of any size needs the temporary space of one capture; each estimator reads all of them."""
+    import beambench
+    from beambench.benchmarks.datasets.estimate import _Captures
+
+    store = write(tmp_path / "store", [example_capture("gated", seed=seed) for seed in range(4)])
+    seen: list[list[str]] = []
+    lay = _Captures.lay
+
+    def counted(self: _Captures, job: Any) -> None:
+        lay(self, job)
+        seen.append(sorted(path.name for path in self._scratch.iterdir() if path.name.isdigit()))
+
+    monkeypatch.setattr(_Captures, "lay", counted)
+    beambench.estimate(store, ["peak", "parabola"], out=tmp_path / "out")
+    assert {tuple(names) for names in seen} == {(f"{index:06d}",) for index in range(4)}
+    sizes = {str(name): size for name, size in open_captures(store).load(0).sizes.items()}
+    for name in ("peak", "parabola"):
+        found = read_estimates(tmp_path / "out" / f"{name}.h5", 4, sizes, modality="gated")
+        assert found.status == ["ok"] * 4
+
+
+def test_a_longer_answer_makes_room_for_all(tmp_path: Path) -> None:
+    """Estimates written one after the other are those written at once: NaN where one is shorter, or there is none."""
+    from beambench.captures.estimates import estimates_output
+    from beambench.captures.layouts import layout_of
+
+    stage = layout_of("laser_line").stages[0]
+    names = [name for quantity in stage.gives for name in stage.variables(quantity).all]
+    short = {name: np.zeros((2, 3, 1), "?" if name == "valid" else "f8") for name in names}
+    long = {name: np.ones((2, 3, 2), "?" if name == "valid" else "f8") for name in names}
+    with estimates_output(tmp_path / "x.h5", "x", "laser_line", "s") as output:
+        for arrays in (None, short, long, None):
+            output.add(arrays, stage, (1.0, 2.0, 3.0), "ok" if arrays else "error: none")
+    import h5py
+
+    with h5py.File(tmp_path / "x.h5") as file:
+        for name in names:
+            values = file[name][()]
+            assert values.shape == (4, 2, 3, 2)
+            assert (values[2] == 1).all()
+            assert (values[1, ..., 0] == 0).all()
+            empty = values[[0, 3]]
+            assert not empty.any() if name == "valid" else np.isnan(empty).all()
+            assert not values[1, ..., 1].any() if name == "valid" else np.isnan(values[1, ..., 1]).all()
+        assert list(file["cpu_s"]) == [1.0] * 4

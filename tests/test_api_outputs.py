@@ -194,11 +194,11 @@ def test_estimates_are_resumed_and_replaced(store: Path, tmp_path: Path, monkeyp
     assert json.loads((out / "estimates.json").read_text())["estimators"] == ["peak", "parabola"]
     before = tree(out)
 
-    def full(path: Path, estimates: Any) -> None:
+    def full(path: Path, label: str, modality: str, captures_sha256: str = "") -> None:
         raise InputError("the disk is full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(beambench.captures.estimates, "write_estimates", full)
+        patch.setattr(beambench.captures.estimates, "estimates_output", full)
         with pytest.raises(InputError, match="full"):
             beambench.estimate(store, ["peak"], out=out, overwrite=True)
     assert tree(out) == before, "the new is written before the old goes"

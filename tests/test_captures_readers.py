@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from beambench.captures import open_captures, write
+from beambench.captures.layouts import LAYOUTS
 from beambench.captures.readers import Captures, CaptureStream, numpy_batches
 from beambench.captures.store.faces import finalize
 from beambench.captures.store.shard_writer import ShardWriter
@@ -129,3 +130,47 @@ def test_what_does_not_exist_is_refused(store: Path) -> None:
             CaptureStream(store, **wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError):
         next(numpy_batches(store, 0))
+
+
+def test_xarray_reads_only_what_is_asked_for(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from beambench.captures.lazy import dataset
+    from beambench.captures.store.shard_set import ShardedSet
+
+    read: list[int] = []
+    values = ShardedSet.values
+    monkeypatch.setattr(ShardedSet, "values", lambda self, n, names=None: read.append(int(n)) or values(self, n, names))
+    whole = dataset(store)
+    assert read.count(0) == len(read)  # the first one tells the layout
+    read.clear()
+    captures = open_captures(store)
+    assert whole.sizes["capture"] == COUNT
+    assert [str(name) for name in whole.data_vars] == [str(name) for name in captures[0].data_vars]
+    assert set(captures[0].coords) | {"capture", "part"} == set(whole.coords)
+    assert not read
+    np.testing.assert_array_equal(whole["samples"][3].values, captures[3]["samples"].values)
+    assert set(read) == {3}
+    read.clear()
+    some = whole["samples"].isel(capture=[17, 2], shot=slice(1, None), phase=[0, 2])
+    expected = np.stack([captures[n]["samples"].values[1:, :, [0, 2]] for n in (17, 2)])
+    read.clear()
+    np.testing.assert_array_equal(some.values, expected)
+    assert read == [17, 2]
+    assert whole["samples"][5:5].shape == (0, *captures[0]["samples"].shape)
+    assert whole["samples"][5:5].values.shape == (0, *captures[0]["samples"].shape)
+    test = dataset(store, ["truth_range"], part="test")
+    assert list(test["capture"].values) == [5, 11, 17]
+    assert list(test["part"].values) == ["test"] * 3
+    assert [int(x) - 1 for x in test["truth_range"].isel(shot=0).values] == [5, 11, 17]
+    assert list(test.data_vars) == ["truth_range"]
+
+
+@pytest.mark.parametrize("modality", list(LAYOUTS))
+def test_xarray_reads_every_modality_and_other_stores(tmp_path: Path, modality: str) -> None:
+    from beambench.captures.lazy import dataset
+
+    captures = captures_of(modality, 2)
+    write(tmp_path / "s.zarr", captures)
+    stacked = dataset(tmp_path / "s.zarr")
+    for name, variable in captures[1].variables.items():
+        np.testing.assert_array_equal(stacked[name][1].values, variable.values)
+        assert stacked[name].attrs == variable.attrs

@@ -336,3 +336,78 @@ def test_shards_are_not_taken_for_an_empty_store(tmp_path: Path) -> None:
     write(tmp_path / "s", captures_of(MODALITY, 2), overwrite=True)
     assert len(open_captures(tmp_path / "s")) == 2
     assert not (tmp_path / "s" / "receipts").exists()
+
+
+def flip(path: Path, at: int = 30) -> None:
+    content = bytearray(path.read_bytes())
+    content[at] ^= 1
+    path.write_bytes(content)
+
+
+def files_of(root: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("whole_shard", [False, True])
+def test_what_a_plain_repair_drops_is_made_again_later(store: Path, whole_shard: bool) -> None:
+    """Its record stays: a later repair that makes captures again gives the very files that were there."""
+    before, whole = [capture.load() for capture in open_captures(store)], files_of(store)
+    path = store / MODALITY / "samples" / "c.1.0.0.0"
+    path.unlink() if whole_shard else flip(path)
+    gone = (3, 4, 5) if whole_shard else (3,)
+    assert repair(store).dropped == gone
+    assert verify(store) == []
+    told = contents(store)
+    assert (told["state"], told["missing"], tuple(told["dropped"])) == ("incomplete", len(gone), gone)
+    assert len(open_captures(store)) == 7 - len(gone)
+    flip(store / "receipts" / f"{MODALITY}.000001.z")  # the record has a copy, as others have
+    assert verify(store)
+    assert repair(store).dropped == ()
+    done = repair(store, make=lambda attrs, where: before[int(attrs["seed"])])
+    assert done.remade == gone
+    assert files_of(store) == whole
+    assert contents(store)["state"] == "complete"
+
+
+def test_a_capture_that_is_made_otherwise_stays_lost(store: Path) -> None:
+    flip(store / MODALITY / "samples" / "c.1.0.0.0")
+    repair(store)
+    other = example_capture(MODALITY, seed=99)
+    done = repair(store, make=lambda attrs, where: other)
+    assert done.remade == ()
+    assert "capture 3" in done.not_remade[0]
+    assert contents(store)["dropped"] == [3]
+
+
+def test_status_tells_what_is_lost(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from beambench import cli
+
+    assert cli.main(["data", "status", str(store)]) == 0
+    assert "complete, 7 of 7" in capsys.readouterr().out
+    (store / MODALITY / "samples" / "c.2.0.0.0").write_bytes(b"")
+    assert cli.main(["data", "status", str(store)]) == 1
+    assert "damaged, 6 of 7" in capsys.readouterr().out
+    shutil.rmtree(store / "receipts")
+    assert cli.main(["data", "status", str(store)]) == 1
+    told = capsys.readouterr().out
+    assert "damaged, 0 of 7" in told
+    assert f"{MODALITY}.000001.z" in told
+    assert "--resume" in told
+
+
+def test_two_writers_of_one_shard_do_not_mix(tmp_path: Path) -> None:
+    """A worker that was taken for dead goes on beside the one that took its place: each has files of its own."""
+    captures = captures_of(MODALITY, 2)
+    begun(tmp_path / "s.partial", 2)
+    first, second = (ShardWriter(tmp_path / "s.partial", MODALITY, 0, [0, 1], 2, last=True) for _ in range(2))
+    with first, second:
+        for writer, capture in ((first, captures[0]), (second, captures[0]), (second, captures[1])):
+            writer.append(capture, {})
+        second.close()
+        first.append(captures[1], {})
+        first.close()
+    assert verify(tmp_path / "s.partial") == []
+    (tmp_path / "s.partial" / MODALITY / "samples" / f"c.0.0.0.0.{'a' * 32}.partial").write_bytes(b"left by a stop")
+    finalize(tmp_path / "s")
+    assert verify(tmp_path / "s") == []
+    assert open_captures(tmp_path / "s")[1].identical(captures[1])

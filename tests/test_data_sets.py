@@ -17,7 +17,7 @@ import beambench
 from beambench.benchmarks.datasets import crew
 from beambench.benchmarks.datasets.crew import cores_usable
 from beambench.benchmarks.datasets.jobs import Jobs, identity_of, shard_length
-from beambench.benchmarks.datasets.large import make_dataset
+from beambench.benchmarks.datasets.large import Force, make_dataset
 from beambench.benchmarks.datasets.outline import check_parts, pilot, staff
 from beambench.benchmarks.folders.progress import silent
 from beambench.captures import finalize, open_captures, repair, verify
@@ -43,9 +43,11 @@ worker.main()
 """
 
 
-def made(out: Path, workers: int = 1, resume: bool = False, source: dict[str, Any] | None = None) -> Any:
+def made(
+    out: Path, workers: int | None = 1, resume: bool = False, source: dict[str, Any] | None = None, **given: Any
+) -> Any:
     draws = load_dataset(source or tiny())
-    return make_dataset(draws, out, workers=workers, resume=resume, overwrite=False, tell=silent)
+    return make_dataset(draws, out, Force(workers, **given), resume=resume, overwrite=False, tell=silent)
 
 
 def tree(root: Path) -> dict[str, bytes]:

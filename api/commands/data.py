@@ -32,9 +32,8 @@ def _status_text(status: dict[str, Any], given: Arguments) -> None:
 
 
 def _data_set(status: dict[str, Any]) -> None:
-    state = "complete" if status["finished"] else "unfinished"
     print_lines(
-        f"{status['path']}: data set {status['dataset']}, {state}, {status['count']} of {status['asked']} captures, "
+        f"{status['path']}: data set {status['dataset']}, {status['state']}, {status['count']} of {status['asked']} captures, "
         f"{size_text(status['bytes'])}"
     )
     numbers = ("captures", "shards", "a shard")
@@ -46,13 +45,38 @@ def _data_set(status: dict[str, Any]) -> None:
     print_table(("group", "sizes", *numbers), rows, right=numbers)
     print_lines(*(f"{name or 'no split'}: {count} captures" for name, count in status["parts"].items()))
     print_lines(*([f"content {status['content']}"] if status["finished"] else []))
-    print_lines(*([] if status["finished"] else ["next    the same beambench generate with --resume"]))
+    if status["missing"] and status["finished"]:
+        print_lines(f"missing {status['missing']} captures")
+    print_lines(
+        *([f"dropped {_few(status['dropped'])}"] if status["dropped"] else []),
+        *([f"damaged {_few(status['damaged'])}"] if status["damaged"] else []),
+        *_next(status),
+    )
+
+
+def _few(names: list[Any]) -> str:
+    more = f", and {len(names) - 8} more" if len(names) > 8 else ""
+    return ", ".join(map(str, names[:8])) + more
+
+
+def _next(status: dict[str, Any]) -> list[str]:
+    if status["state"] == "complete":
+        return []
+    resume = "the same beambench generate with --resume"
+    if status["finished"] and (status["damaged"] or status["dropped"]):
+        return [f"next    beambench data repair {status['path']} --regenerate, then {resume}"]
+    return [f"next    {resume}"]
+
+
+def _status_code(status: dict[str, Any]) -> int:
+    """1 for a data set that has lost captures; one that is being made has lost none."""
+    return int(status.get("state", "complete") in ("incomplete", "damaged"))
 
 
 STATUS = command(
     "data status",
     "data:data_status",
-    View(_status_text, _status_json),
+    View(_status_text, _status_json, _status_code),
     examples="Example:\n  beambench data status captures.zarr",
 )
 

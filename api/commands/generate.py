@@ -27,6 +27,7 @@ def _json(made: Generated, given: Arguments) -> dict[str, Any]:
         if compared
         else None,
         "outline": made.outline,
+        "script": None if made.script is None else str(made.script),
         "made": None if made.made is None else {k: v for k, v in vars(made.made).items() if k != "path"},
     }
 
@@ -37,6 +38,9 @@ def _text(made: Generated, given: Arguments) -> None:
         return
     if given["plan"]:
         _plan(made.plan)
+        return
+    if made.script is not None and made.made is not None:
+        print_lines(f"begun    {made.made.missing} shards are to be made", f"script   {made.script}: bash submits it")
         return
     if made.made is not None:
         _made(made.made)
@@ -72,7 +76,8 @@ def _outline(told: dict[str, Any]) -> None:
 def _made(made: Made) -> None:
     kept = f", {made.kept} were there" if made.kept else ""
     again = f", {made.remade} damaged shards made again" if made.remade else ""
-    print_lines(f"captures {made.count}: {made.made} made{kept}{again}", f"content  {made.content}")
+    content = [f"content  {made.content}"] if made.content else []
+    print_lines(f"captures {made.count}: {made.made} made{kept}{again}", *content)
     print_lines(*(f"note     {line}" for line in made.events))
 
 
@@ -105,5 +110,7 @@ GENERATE = command(
   beambench generate quickstart -o captures
   beambench generate gated-1k --plan
   beambench generate gated-1k -o gated-1k --workers 2
+  beambench generate gated-1k -o /shared/gated-1k --dask tcp://head:8786
+  beambench generate gated-1k -o /shared/gated-1k --slurm gated-1k.sh --array 20
   beambench generate --like step.zarr""",
 )

@@ -13,14 +13,14 @@ __all__ = ["data_finalize", "data_repair", "data_status", "data_verify"]
 
 
 def data_status(data: str | Path) -> dict[str, Any]:
-    """Show the contents of a store of captures, or how far a data set is.
+    """Show the contents of a store of captures, or how far a data set is; the exit code is 1 for one that has lost captures.
 
     Main arguments:
         data: The store.
 
     Returns:
         Modality, number of captures, sizes, bytes on disk, and of each capture its scene, seed, kind of truth and rung. Of a data
-        set its groups, shards and parts.
+        set its state, groups, shards and parts, and what is missing, dropped or damaged.
 
     Raises:
         InputError: There is no store with undamaged metadata.
@@ -49,6 +49,9 @@ def data_verify(data: str | Path) -> list[Damage]:
 
 def data_repair(data: str | Path, *, overwrite: bool = False, regenerate: bool = False) -> Recovery:
     """Write damaged metadata of a store again, and remove its damaged captures; the removed files stay beside it in NAME.dropped.
+
+    A data set still knows how its removed captures were made: a later repair with `regenerate`, or `beambench generate … --resume`,
+    brings them back.
 
     Main arguments:
         data: The store, or an unfinished one (NAME.partial).

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..benchmarks.datasets.generate import Generated
     from ..benchmarks.datasets.items import Item
     from ..benchmarks.folders.progress import Progress
+    from ..scenes.datasets.draws import Draws
     from ..scenes.scene import Scene
 
 __all__ = ["generate"]
@@ -31,6 +32,11 @@ def generate(
     like: str | Path | None = None,
     plan: bool = False,
     workers: int | None = None,
+    time_limit_s: float | None = None,
+    dask: str | None = None,
+    slurm: str | Path | None = None,
+    array: int | None = None,
+    job: str | None = None,
     out: str | Path | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -58,12 +64,19 @@ def generate(
             where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in this folder.
         plan: List the captures without making any; of a data set, tell its size, time, shards and parts, by a pilot.
         workers: Processes that make a data set; one for each processor by default. Captures are the same for any number.
+        time_limit_s: Time after which a worker of a data set that completes no capture, or uses no processor, is replaced, s; by
+            default 60 s, or 20 times the longest capture.
+        dask: Address of a Dask scheduler, tcp://HOST:PORT: its workers make the data set, in a folder that all machines share.
+        slurm: Begin the data set, and write a script for Slurm there that makes it as an array of jobs.
+        array: Number of jobs of that array; one for each shard by default, at most 1000.
+        job: Make part K of N of a data set that was begun, as K/N; the jobs of an array do this.
         out: Where to write; ./beambench-runs/<name>-<time> by default.
         resume: Continue an unfinished store, keep complete ones, let a data set grow; existing captures must be the requested ones.
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`; with `like` `comparison`, `differing`, `equal`.
+    Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`, `script`; with `like` `comparison`, `differing`,
+    `equal`.
 
     Raises:
         InputError: Bad input, an output that exists, or one to resume that holds other captures.
@@ -75,9 +88,18 @@ def generate(
         "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
         "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
+    force = {
+        "--workers": workers,
+        "--time-limit-s": time_limit_s,
+        "--dask": dask,
+        "--slurm": slurm,
+        "--array": array,
+        "--job": job,
+    }
+    given |= force
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
-    return _made_of(source, changes, given, _How(plan, workers, place, resume, overwrite, progress))
+    return _made_of(source, changes, given, _How(plan, force, place, resume, overwrite, progress))
 
 
 @dataclass(frozen=True)
@@ -85,7 +107,7 @@ class _How:
     """Where and how captures are made: arguments of `generate`."""
 
     plan: bool
-    workers: int | None
+    force: dict[str, Any]
     out: Path | None
     resume: bool
     overwrite: bool
@@ -107,8 +129,9 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
     if is_dataset(source):
         own = {name: value for name, value in asked.items() if value is not None and value is not False}
         return _data_set(source, changes | own, given["--seeds"], how)
-    if how.workers is not None:
-        raise InputError("Only a data set is made by several workers.", where="--workers", value=how.workers)
+    for name, value in how.force.items():
+        if value is not None:
+            raise InputError("Only a data set is made by several workers.", where=name, value=value)
     rung, rtol, electrons, components = asked.values()
     groups = items_of(source, changes, given["--seeds"], rung, rtol, electrons, components, key)
     return _make(str(source), groups, how.plan, how.out, how.resume, how.overwrite, how.progress)
@@ -116,8 +139,9 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
 
 def _data_set(source: Any, changes: dict[str, Any], seeds: Any, how: _How) -> Generated:
     from ..benchmarks.datasets.generate import Generated
-    from ..benchmarks.datasets.large import make_dataset
+    from ..benchmarks.datasets.large import Force, make_dataset, make_part
     from ..benchmarks.datasets.outline import outline
+    from ..benchmarks.datasets.slurm import part_of
     from ..benchmarks.folders.progress import silent
     from ..scenes.datasets.load import load_dataset
     from ..scenes.errors import InputError
@@ -127,13 +151,66 @@ def _data_set(source: Any, changes: dict[str, Any], seeds: Any, how: _How) -> Ge
             "A data set has a seed of its own.", where="--seeds", value=seeds, next_step="change it with --set seed=2"
         )
     draws = load_dataset(source, changes)
-    place = how.out or default_out(draws.data.dataset)
+    place, workers = how.out or default_out(draws.data.dataset), how.force["--workers"]
+    _check_force(how)
     if how.plan:
-        return Generated([], outline=outline(draws, place, how.workers))
-    made = make_dataset(
-        draws, place, workers=how.workers, resume=how.resume, overwrite=how.overwrite, tell=how.progress or silent
-    )
+        return Generated([], outline=outline(draws, place, workers))
+    if how.force["--slurm"] is not None:
+        return _array(source, changes, draws, place, how)
+    force, tell = Force(workers, how.force["--dask"], how.force["--time-limit-s"]), how.progress or silent
+    if how.force["--job"] is not None:
+        return Generated([], [place], made=make_part(draws, place, part_of(how.force["--job"]), force, tell))
+    made = make_dataset(draws, place, force, resume=how.resume, overwrite=how.overwrite, tell=tell)
     return Generated([], [made.path], made=made)
+
+
+def _check_force(how: _How) -> None:
+    """Refuse options of which one excludes the other. Raises InputError."""
+    from ..scenes.errors import InputError
+
+    given = {name for name, value in how.force.items() if value is not None}
+    for one, *others in (
+        ("--dask", "--workers", "--slurm", "--job"),
+        ("--slurm", "--workers", "--job"),
+        ("--job", "--array"),
+    ):
+        if one in given and (both := given & {*others}):
+            raise InputError("These options exclude each other.", where=one, value=", ".join(sorted(both)))
+    if "--array" in given and "--slurm" not in given:
+        raise InputError(
+            "The number of an array's jobs needs the script.", where="--array", next_step="add --slurm FILE"
+        )
+    if "--job" in given and (how.resume or how.overwrite or how.plan or how.out is None):
+        raise InputError(
+            "A part of a data set is made in a store that was begun.", where="--job",
+            allowed="with --out, and without --resume, --overwrite and --plan", next_step="begin it by --slurm FILE",
+        )  # fmt: skip
+    limit = how.force["--time-limit-s"]
+    if limit is not None and not 0.0 < limit < float("inf"):
+        raise InputError(
+            "The limit of time is a positive number.", where="--time-limit-s", value=limit, allowed="> 0 s"
+        )
+
+
+def _array(source: Any, changes: dict[str, Any], draws: Draws, place: Path, how: _How) -> Generated:
+    """Begin a data set and write the script of its array of jobs."""
+    from ..benchmarks.datasets.generate import Generated
+    from ..benchmarks.datasets.large import begin_dataset
+    from ..benchmarks.datasets.slurm import array_size, script_text
+    from ..benchmarks.folders.files import write_text
+    from ..scenes.errors import InputError
+    from ..scenes.places import local_path
+
+    if not isinstance(source, str | Path):
+        raise InputError("An array of jobs needs a data set that has a name or a file.", where="--slurm", value="data")
+    file = local_path(how.force["--slurm"])
+    if file.exists() and not (how.resume or how.overwrite):
+        raise InputError("The script exists.", where=str(file), next_step="--resume or --overwrite replaces it")
+    word = str(Path(source).absolute()) if Path(source).is_file() else str(source)
+    made = begin_dataset(draws, place, resume=how.resume, overwrite=how.overwrite)
+    tasks = array_size(how.force["--array"], made.missing)
+    write_text(file, script_text(draws.data.dataset, [word], changes, place, tasks))
+    return Generated([], [place], made=made, script=file)
 
 
 def _make(

@@ -27,7 +27,7 @@ import numpy as np
 
 from .attempts import Attempts, print_attempts
 
-__all__ = ["data_set_kills", "main"]
+__all__ = ["data_set_kills", "differing", "main", "shards_of", "words_for"]
 
 #: Captures of a shard; a round is killed within this share of an undisturbed run's time after its first word.
 _PER_SHARD, _SHARE = 4, 1 / 6
@@ -51,7 +51,7 @@ def data_set_kills(rounds: int, shards: int, workers: int = 1, seed: int = 1) ->
     with tempfile.TemporaryDirectory(prefix="beambench-kills-") as place:
         base = Path(place)
         file = base / "set.json"
-        file.write_text(json.dumps(_data_set(shards)))
+        file.write_text(json.dumps(shards_of(shards)))
         began = time.monotonic()
         _run(file, base / "whole", workers)
         longest = _SHARE * (time.monotonic() - began)
@@ -74,11 +74,12 @@ def data_set_kills(rounds: int, shards: int, workers: int = 1, seed: int = 1) ->
 
 
 def _compare(part: Attempts, base: Path, shards: int) -> None:
-    problem = _differs(base / "whole", base / "broken", shards * _PER_SHARD)
+    problem = differing(base / "whole", base / "broken", shards)
     part.failed(problem) if problem else part.held("finished")
 
 
-def _data_set(shards: int) -> dict[str, Any]:
+def shards_of(shards: int) -> dict[str, Any]:
+    """A data set of that many shards, of small captures."""
     wall = {"scene": "counter", "overrides": {"rig.record.shots": 4}}
     turn = {"kind": "uniform", "low": 0.05, "high": 0.9, "paths": ["target.0.material.albedo"]}
     return {
@@ -87,21 +88,23 @@ def _data_set(shards: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _words(file: Path, out: Path, workers: int) -> list[str]:
-    words = [sys.executable, "-m", "beambench", "generate", str(file), "-o", str(out), "--workers", str(workers)]
-    return [*words, "--resume"]
+def words_for(file: Path, out: Path, *more: str) -> list[str]:
+    """The command that makes or continues a data set."""
+    return [sys.executable, "-m", "beambench", "generate", str(file), "-o", str(out), "--resume", *more]
 
 
 def _run(file: Path, out: Path, workers: int) -> None:
     """Make or finish the data set. Raises RuntimeError where that fails."""
-    done = subprocess.run(_words(file, out, workers), capture_output=True, text=True, check=False)
+    done = subprocess.run(words_for(file, out, "--workers", str(workers)), capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"exit {done.returncode}: {done.stderr[-500:]}")
 
 
 def _round(file: Path, out: Path, workers: int, after_s: float, of_worker: bool, rng: np.random.Generator) -> str:
     """Start or continue the data set and kill it; a worker first, where asked. Returns what was killed, or ""."""
-    with subprocess.Popen(_words(file, out, workers), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        words_for(file, out, "--workers", str(workers)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
         assert process.stderr is not None
         process.stderr.readline()  # its first word: workers are at work
         time.sleep(after_s)
@@ -139,13 +142,14 @@ def _damage(out: Path) -> str:
     return ""
 
 
-def _differs(whole: Path, broken: Path, count: int) -> str:
+def differing(whole: Path, broken: Path, shards: int) -> str:
+    """How a finished store differs from the undisturbed one, or ""."""
     from ...captures import open_captures, verify
 
     if found := verify(broken):
         return f"the finished store is damaged: {found[0]}"
-    if len(open_captures(broken)) != count:
-        return f"{len(open_captures(broken))} captures, not {count}"
+    if len(open_captures(broken)) != shards * _PER_SHARD:
+        return f"{len(open_captures(broken))} captures, not {shards * _PER_SHARD}"
     trees = [{p.relative_to(root): p.read_bytes() for p in root.rglob("*") if p.is_file()} for root in (whole, broken)]
     names = [str(name) for name in {*trees[0], *trees[1]} if trees[0].get(name) != trees[1].get(name)]
     return f"files differ: {sorted(names)[:3]}" if names else ""

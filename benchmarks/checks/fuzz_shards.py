@@ -11,7 +11,7 @@ import numpy as np
 
 from .example_modalities import SMALL
 from .fuzz_specs import Subject, all_tried, any_file
-from .mutations import json_mutated
+from .mutations import json_mutated, mutated
 
 __all__ = ["SHARDED", "sharded_store"]
 
@@ -59,6 +59,35 @@ def _hostile(folder: Path, rng: np.random.Generator) -> None:
     _seal(store)
 
 
+def _hostile_chunks(folder: Path, rng: np.random.Generator) -> None:
+    """Change the bytes of a chunk, under the right CRC-32C, and under the right sha256 in the receipts and the manifest."""
+    import google_crc32c
+
+    store = folder / "s"
+    shard = int(rng.integers(2))
+    path = store / "receipts" / f"small.{shard:06d}.z"
+    body = json.loads(zlib.decompress(path.read_bytes()).partition(b" ")[2])
+    held = body["captures"][int(rng.integers(len(body["captures"])))]
+    name = sorted(held["chunks"])[int(rng.integers(len(held["chunks"])))]
+    mark = held["chunks"][name][0]
+    file = next((store / "small" / name).glob(f"c.{shard}*"))
+    content = bytearray(file.read_bytes())
+    old = bytes(content[mark[0] : mark[0] + mark[1] - 4])
+    # Bytes of the header, which state sizes, are changed as often as all others together.
+    new = bytearray(mutated(old, rng)[: len(old)].ljust(len(old), b"\0"))
+    if rng.random() < 0.5:
+        new[int(rng.integers(min(16, len(new))))] ^= 1 << int(rng.integers(8))
+    chunk = bytes(new) + int(google_crc32c.value(bytes(new))).to_bytes(4, "little")
+    content[mark[0] : mark[0] + mark[1]] = chunk
+    file.write_bytes(content)
+    mark[2] = hashlib.sha256(chunk).hexdigest()
+    text = json.dumps(body, sort_keys=True).encode()
+    receipt = zlib.compress(hashlib.sha256(text).hexdigest().encode() + b" " + text)
+    for place in (path, path.with_name(path.name + ".copy")):
+        place.write_bytes(receipt)
+    _seal(store)
+
+
 def _seal(store: Path) -> None:
     """Give the manifest the checksums of what it lists."""
     try:
@@ -78,12 +107,14 @@ def _seal(store: Path) -> None:
 def _read(folder: Path) -> None:
     from ...captures import open_captures, repair, verify
     from ...captures.contents import contents
+    from ...captures.lazy import dataset
     from ...captures.readers import Captures
 
     store = folder / "s"
     all_tried(
         lambda: [capture.load() for capture in open_captures(store)],
         lambda: Captures(store, part="train")[0],
+        lambda: dataset(store).isel(capture=-1).load(),
         lambda: contents(store),
         lambda: verify(store),
         lambda: repair(store),
@@ -94,4 +125,5 @@ def _read(folder: Path) -> None:
 SHARDED: dict[str, Subject] = {
     "data sets, bytes": Subject(sharded_store, any_file, _read),
     "data sets, values under right checksums": Subject(sharded_store, _hostile, _read),
+    "data sets, chunks under right checksums": Subject(sharded_store, _hostile_chunks, _read),
 }

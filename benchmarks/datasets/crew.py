@@ -22,12 +22,22 @@ from typing import IO, Any
 from ...scenes.errors import InputError
 from ..runner.protocol import THREAD_VARIABLES
 
-__all__ = ["MOST_TRIES", "Crew", "Task", "cores_usable"]
+__all__ = ["MOST_TRIES", "Crew", "Task", "cores_usable", "error_of"]
 
 #: Workers that one job may end before it is set aside.
 MOST_TRIES = 3
-#: Longest time without a word from a worker, s: a capture takes less, and a start with compilation too.
-SILENCE_S = 1800.0
+#: Time after which a worker that uses no processor counts as hung, and least time for one that completes no capture, s.
+LEAST_S = 60.0
+#: A worker that uses a processor and completes nothing counts as hung after so many times the longest capture, ...
+_TIMES = 20.0
+#: ... and where none has been made yet (its start compiles kernels), after this time, s.
+_UNKNOWN_S = 1800.0
+#: What a worker may take longer for its first capture: it imports and compiles, s.
+_START_S = 120.0
+#: Time between two looks at the workers, s.
+_LOOK_S = 1.0
+#: Processor time above which a worker works, as a share of the time.
+_BUSY = 0.001
 _COMMAND = "from beambench.benchmarks.datasets.worker import main; main()"
 
 
@@ -75,13 +85,35 @@ class _Member:
         environment = os.environ | dict.fromkeys(THREAD_VARIABLES, str(threads))
         self.errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed by end)
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _COMMAND], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
+            [sys.executable, "-P", "-c", _COMMAND, str(os.getpid())],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors,
             env=environment, pass_fds=() if keep is None else (keep,),
         )  # fmt: skip
         self.task: Task | None = None
         self.buffer = b""
-        self.heard = time.monotonic()
+        #: When its processor time last grew, when it last completed a capture or began a task, and how many captures it made.
+        self.worked = self.progressed = time.monotonic()
+        self.cpu_s, self.made = 0.0, 0
         self.send(begin)
+
+    def begins(self, task: Task) -> None:
+        """Give it a task."""
+        self.task = task
+        self.worked = self.progressed = time.monotonic()
+        self.send(task.line)
+
+    def wait(self, seconds: float) -> None:
+        """Take no account of a time in which nobody listened."""
+        self.worked, self.progressed = self.worked + seconds, self.progressed + seconds
+
+    def look(self, now: float) -> None:
+        """Note whether it has had a processor since: one that waits for ever, or is stopped, has none."""
+        import psutil
+
+        with suppress(psutil.Error):
+            used = psutil.Process(self.process.pid).cpu_times()
+            if used.user + used.system - self.cpu_s > _BUSY * (now - self.worked):
+                self.worked, self.cpu_s = now, used.user + used.system
 
     @property
     def out(self) -> IO[bytes]:
@@ -120,7 +152,10 @@ class Crew:
         begin: what each worker is told first. workers: how many. threads: of each.
     Other arguments:
         keep: a file that they hold open, such as the lock of the store: it is free only when all of them have ended.
-        silence_s: longest time without a word from one.
+        limit_s: time after which a worker counts as hung that uses no processor, or completes no capture; None: 60 s, and for
+            captures 20 times the longest so far, or `expected_s`, if that is more. Its first capture may take two minutes longer.
+        expected_s: time of a capture by a pilot. tries: workers that a task may end. wanted: asked now and then; once it says
+            no, all is stopped.
     """
 
     def __init__(
@@ -130,10 +165,14 @@ class Crew:
         threads: int,
         *,
         keep: int | None = None,
-        silence_s: float = SILENCE_S,
+        limit_s: float | None = None,
+        expected_s: float = 0.0,
+        tries: int = MOST_TRIES,
+        wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self._begin, self._workers, self._threads = begin | {"threads": threads}, workers, threads
-        self._keep, self._silence = keep, silence_s
+        self._keep, self._limit, self._longest, self._tries = keep, limit_s, expected_s, tries
+        self._wanted = wanted
         self._members: list[_Member] = []
         self._selector = selectors.DefaultSelector()
         self._again: deque[Task] = deque()
@@ -155,6 +194,7 @@ class Crew:
         Raises InputError where no work can go on (a full disk): what is complete stays.
         """
         waiting = iter(tasks)
+        listened = looked = time.monotonic()
         while True:
             self._hand_out(waiting)
             busy = [member for member in self._members if member.task is not None]
@@ -162,11 +202,39 @@ class Crew:
                 return
             for key, _ in self._selector.select(timeout=1.0):
                 yield from self._hear(key.data, heard)
-            for member in busy:
-                silent = member.task is not None and time.monotonic() - member.heard > self._silence
-                lost = self._bury(member, f"said nothing for {self._silence:g} s") if silent else None
-                if lost is not None:
-                    yield lost
+            if (gap := time.monotonic() - listened) > 3.0:
+                # This process itself was stopped, or had no processor: its workers may have been, too.
+                for member in busy:
+                    member.wait(gap)
+            listened += gap
+            if listened - looked > _LOOK_S:
+                looked = listened
+                yield from self._look(busy)
+
+    def _look(self, busy: list[_Member]) -> Iterator[Task]:
+        """Whether the work is still wanted, and whether workers hang: the tasks that are set aside for that. Raises InputError."""
+        if not self._wanted():
+            raise InputError("The run that this work is part of has ended.", where="worker")
+        for member in busy:
+            why = self._hung(member) if member.task is not None and member in self._members else ""
+            lost = self._bury(member, why) if why else None
+            if lost is not None:
+                yield lost
+
+    def _hung(self, member: _Member) -> str:
+        """Why a worker counts as hung, or ""."""
+        now = time.monotonic()
+        member.look(now)
+        least = most = LEAST_S if self._limit is None else self._limit
+        if self._limit is None:
+            most = max(least, _TIMES * self._longest if self._longest else _UNKNOWN_S)
+        if not member.made:
+            least, most = least + _START_S, most + _START_S
+        if now - member.worked > least:
+            return f"used no processor for {least:.3g} s"
+        if now - member.progressed > most:
+            return f"completed no capture in {most:.3g} s"
+        return ""
 
     def _hand_out(self, waiting: Iterator[Task]) -> None:
         """Give a task to every worker that has none, and start workers while there are tasks."""
@@ -181,13 +249,11 @@ class Crew:
                 member = _Member(self._begin, self._threads, self._keep)
                 self._members.append(member)
                 self._selector.register(member.out, selectors.EVENT_READ, member)
-            member.task, member.heard = task, time.monotonic()
-            member.send(task.line)
+            member.begins(task)
 
     def _hear(self, member: _Member, heard: Callable[[int], None]) -> Iterator[Task]:
         """What a worker has said since; the tasks that it ended."""
         content = os.read(member.out.fileno(), 2**16)
-        member.heard = time.monotonic()
         *lines, member.buffer = (member.buffer + content).split(b"\n")
         for line in lines:
             ended = self._line(member, line, heard)
@@ -202,17 +268,21 @@ class Crew:
         told = json.loads(line)
         task = member.task
         if "capture" in told:
+            now = time.monotonic()
+            if member.made:
+                self._longest = max(self._longest, now - member.progressed)
+            member.progressed, member.made = now, member.made + 1
             heard(int(told["capture"]))
             return None
         if "stopped" in told:
-            raise _error(told["stopped"])
+            raise error_of(told["stopped"])
         assert task is not None
         member.task = None
         if "done" in told:
             task.done = told["done"]
             return task
         if "refused" in told:
-            task.error = _error(told["refused"])
+            task.error = error_of(told["refused"])
             task.lost = str(task.error)
             return task
         return self._tried(task, str(told.get("failed", "")).strip().splitlines()[-1:], "failed")
@@ -237,14 +307,15 @@ class Crew:
         told = f"{task.name}: a worker {how}" + (f" ({said[0]})" if said else "")
         self.events.append(told)
         task.told.append(told)
-        if task.tries < MOST_TRIES:
+        if task.tries < self._tries:
             self._again.append(task)
             return None
-        task.lost = f"it ended {task.tries} workers: {task.told[-1]}"
+        task.lost = f"it ended {task.tries} worker{'s' if task.tries > 1 else ''}: {task.told[-1]}"
         return task
 
 
-def _error(words: dict[str, Any]) -> InputError:
+def error_of(words: dict[str, Any]) -> InputError:
+    """The error that a worker told in words."""
     return InputError(
         words["what"],
         where=words["where"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,7 +13,7 @@ from ...scenes.json_keys import read_json
 
 if TYPE_CHECKING:
     from ...captures import CaptureSet
-    from ...captures.estimates import Estimates
+    from ...captures.estimates import EstimatesOutput
     from ..folders.progress import Progress
     from ..runner.estimator_labels import Chosen
     from ..runner.session import Job, Outcome
@@ -35,7 +36,6 @@ def estimate_store(
         limits: Time and memory per capture.
         tell: Receives the progress.
     """
-    from ...captures.estimates import write_estimates
     from ..folders.files import write_json
     from ..folders.kinds import slug
 
@@ -50,9 +50,8 @@ def estimate_store(
     write_json(folder / "estimates.json", record)
     missing = [label for label in labels if not (resume and _finished(folder / f"{slug(label)}.h5", label, captures))]
     asked = {label: _told(len(captures) * ["ok"]) for label in labels}
-    for estimates in _answers(captures, missing, limits, tell):
-        write_estimates(folder / f"{slug(estimates.label)}.h5", estimates)
-        asked[estimates.label] = _told(estimates.status)
+    for label, statuses in _answers(captures, missing, folder, limits, tell):
+        asked[label] = _told(statuses)
     write_json(folder / "estimates.json", record | {"asked": asked})
 
 
@@ -129,8 +128,14 @@ def _finished(path: Path, label: str, captures: CaptureSet) -> bool:
     return found.label == label and all(status == "ok" or status.startswith("skip:") for status in found.status)
 
 
-def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Progress) -> Iterator[Estimates]:
-    """The answers of each estimator to all captures, one estimator after the other."""
+def _answers(
+    captures: CaptureSet, labels: list[str], folder: Path, limits: Limits, tell: Progress
+) -> Iterator[tuple[str, list[str]]]:
+    """Write the file of each estimator, one after the other; (label, status of every capture).
+
+    One capture at a time lies in the temporary folder, and one answer is in memory.
+    """
+    from ...captures.estimates import estimates_output
     from ..folders.kinds import slug
     from ..runner.scratch import scratch_folder
     from ..runner.session import run_jobs
@@ -143,53 +148,57 @@ def _answers(captures: CaptureSet, labels: list[str], limits: Limits, tell: Prog
             scratch = folders.enter_context(scratch_folder("estimate"))
         except OSError as error:
             raise unusable(error) from error
-        jobs = _jobs(captures, scratch)
+        spool = _Captures(captures, scratch)
+        jobs = spool.jobs()
         done = 0
         for label in labels:
-            outcomes: list[Outcome] = []
+            with estimates_output(folder / f"{slug(label)}.h5", label, captures.modality, captures.sha256) as output:
 
-            def keep(outcome: Outcome, label: str = label, outcomes: list[Outcome] = outcomes) -> None:
-                nonlocal done
-                outcomes.append(outcome)
-                done += 1
-                tell("estimate", done, len(jobs) * len(labels), f"{label}: {outcome.status}")
+                def keep(outcome: Outcome, label: str = label, output: EstimatesOutput = output) -> None:
+                    nonlocal done
+                    costs = (outcome.cpu_s, outcome.wall_s, outcome.peak_bytes)
+                    output.add(outcome.arrays if outcome.status == "ok" else None, outcome.stage, costs, outcome.status)
+                    done += 1
+                    tell("estimate", done, len(jobs) * len(labels), f"{label}: {outcome.status}")
 
-            run_jobs(label, jobs, limits, scratch / slug(label), keep)
-            yield _estimates(label, captures, outcomes)
+                run_jobs(label, jobs, limits, scratch / slug(label), keep, lay=spool.lay, clear=spool.clear)
+            yield label, output.status
 
 
-def _jobs(captures: CaptureSet, scratch: Path) -> list[Job]:
-    """One job per capture; the capture without its truth lies in a folder of its own."""
-    from ...captures.hide import hide_truth
-    from ...captures.sizes import sizes_of
-    from ..runner.protocol import write_capture, write_meta
-    from ..runner.session import Job
-    from ..runner.spool import unusable
+class _Captures:
+    """The captures without their truth, each in a folder of its own while it is read."""
 
-    jobs = []
-    for index in range(len(captures)):
-        hidden = hide_truth(captures[index])
-        place = scratch / f"{index:06d}"
+    def __init__(self, captures: CaptureSet, scratch: Path) -> None:
+        self._captures, self._scratch = captures, scratch
+
+    def jobs(self) -> list[Job]:
+        """One job per capture. All captures of a store have one layout, and so one set of sizes."""
+        from ...captures.hide import hide_truth
+        from ...captures.sizes import sizes_of
+        from ..runner.session import Job
+
+        sizes = sizes_of(hide_truth(self._captures[0]))
+        modality = self._captures.modality
+        return [
+            Job(index, self._scratch / f"{index:06d}", "matched", modality, sizes)
+            for index in range(len(self._captures))
+        ]
+
+    def lay(self, job: Job) -> None:
+        """Write a capture where its job looks for it. Raises InputError."""
+        from ...captures.hide import hide_truth
+        from ..runner.protocol import write_capture, write_meta
+        from ..runner.spool import unusable
+
+        if job.folder.exists():
+            return  # the warm-up has read it, or a child before this one
+        hidden = hide_truth(self._captures[job.index])
         try:
-            write_capture(place, hidden)
-            write_meta(place, hidden, "matched")
+            write_capture(job.folder, hidden)
+            write_meta(job.folder, hidden, "matched")
         except OSError as error:
             raise unusable(error) from error
-        jobs.append(Job(index, place, "matched", str(hidden.attrs["modality"]), sizes_of(hidden)))
-    return jobs
 
-
-def _estimates(label: str, captures: CaptureSet, outcomes: list[Outcome]) -> Estimates:
-    from ...captures.estimates import Estimates
-
-    return Estimates(
-        label,
-        captures.modality,
-        [o.arrays if o.status == "ok" else None for o in outcomes],
-        [o.cpu_s for o in outcomes],
-        [o.wall_s for o in outcomes],
-        [o.peak_bytes for o in outcomes],
-        [o.status for o in outcomes],
-        captures.sha256,
-        outcomes[0].stage.word,
-    )
+    def clear(self, job: Job) -> None:
+        """Remove a capture."""
+        shutil.rmtree(job.folder, ignore_errors=True)

@@ -27,7 +27,7 @@ class Generated:
 
     `plan`: one entry per capture (scene, seed, sizes, bytes of the counts). `paths`: stores written. `comparison`: with
     `like`, one per capture; `differing` counts the values whose bits differ. `outline`, `made`: of a data set, its plan, and
-    what was made.
+    what was made; `script`: the file for Slurm.
     """
 
     plan: list[dict[str, Any]]
@@ -35,6 +35,7 @@ class Generated:
     comparison: list[Comparison] = field(default_factory=list)
     outline: dict[str, Any] | None = None
     made: Made | None = None
+    script: Path | None = None
 
     @property
     def differing(self) -> int:

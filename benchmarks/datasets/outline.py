@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import shutil
+import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,14 +16,25 @@ import numpy as np
 from ...scenes.datasets.spec import PARTS
 from ...scenes.errors import InputError
 from .crew import Crew, Task, cores_usable
-from .jobs import Jobs, groups_of, shard_length
+from .jobs import Jobs, groups_of, identity_of, shard_length
+from .sizes import stored_bytes
 
 if TYPE_CHECKING:
     from ...scenes.datasets.draws import Draws
 
-__all__ = ["Pilot", "check_parts", "free_bytes_at", "lengths_of", "most_workers", "outline", "pilot", "staff"]
+__all__ = [
+    "Pilot",
+    "check_parts",
+    "free_bytes_at",
+    "lengths_of",
+    "most_workers",
+    "outline",
+    "pilot",
+    "request_of",
+    "staff",
+]
 
-#: Captures of a group that a plan makes, and those of the first that are left out of its times: kernels are loaded there.
+#: Draws of a group that a plan makes, and those of the first that are left out of its times: kernels are loaded there.
 _PILOT, _WARM = 10, 2
 #: Resident memory of a worker beside its captures, bytes; copies of a capture that are held while it is made.
 _WORKER_BYTES, _COPIES = 600 * 2**20, 12
@@ -32,12 +44,16 @@ _START_S = 4.0
 
 @dataclass(frozen=True)
 class Pilot:
-    """What a few captures of one group tell: layout, bytes of a capture in memory and on disk, processor time of one, s."""
+    """What a few captures of one group tell: layout, bytes of a capture in memory and on disk, processor time of one, s.
+
+    `sizes`: bytes on disk, see `sizes`.
+    """
 
     group: str
     structure: dict[str, Any]
     decoded: int
     stored: float
+    sizes: dict[str, float]
     cpu_s: float
     warnings: tuple[str, ...]
 
@@ -67,18 +83,18 @@ def pilot(draws: Draws, captures: int = _PILOT, told: Callable[[int], None] = la
     found: dict[str, Pilot] = {}
     with Crew(begin, 1, 1) as crew:
         for group, rows in _rows(draws, captures).items():
-            task = Task(f"pilot of {group}", {"kind": "probe", "rows": rows})
+            task = Task(f"pilot of {group}", {"kind": "probe", "group": group, "rows": rows})
             for ended in crew.run([task], told):
                 if ended.done is None:
                     raise ended.error or InputError(
                         "The pilot failed.", where=ended.name, value=ended.lost, next_step="beambench doctor"
                     )
-                found[group] = _pilot_of(group, ended.done)
+                found[group] = _pilot_of(group, ended.done, rows, draws.data.repeats)
     return found
 
 
 def _rows(draws: Draws, captures: int) -> dict[str, list[int]]:
-    """Captures of the pilot: of every base scene at least one."""
+    """Captures of the pilot: of every base scene at least one; of each draw the first, and the second, which costs less."""
     data = draws.data
     wanted: dict[str, list[int]] = {group: [] for group in groups_of(draws)}
     bases: Counter[str] = Counter()
@@ -88,24 +104,55 @@ def _rows(draws: Draws, captures: int) -> dict[str, list[int]]:
         base = draws.base(number)
         if bases[base] < each:
             bases[base] += 1
-            wanted[str(draws.scenes[base]["rig"]["kind"])].append(number * data.repeats)
+            rows = range(number * data.repeats, min((number + 1) * data.repeats, data.captures))
+            wanted[str(draws.scenes[base]["rig"]["kind"])] += rows[:2]
         if all(bases[one.label] >= each for one in data.scenes):
             break
     return {group: rows for group, rows in wanted.items() if rows}
 
 
-def _pilot_of(group: str, told: Mapping[str, Any]) -> Pilot:
-    times = told["cpu_s"][_WARM:] or told["cpu_s"]
-    # Receipts hold attributes twice, compressed to about a tenth; those of neighbours repeat.
-    stored = sum(told["stored"]) / len(told["stored"]) + 0.2 * told["texts"]
+def _pilot_of(group: str, told: Mapping[str, Any], rows: Sequence[int], repeats: int) -> Pilot:
+    first = [cpu_s for row, cpu_s in zip(rows, told["cpu_s"], strict=True) if row % repeats == 0]
+    again = [cpu_s for row, cpu_s in zip(rows, told["cpu_s"], strict=True) if row % repeats]
+    first, again = first[_WARM:] or first, again[_WARM:] or again or first
+    cpu_s = (sum(first) / len(first) + (repeats - 1) * sum(again) / len(again)) / repeats
+    sizes = told["sizes"]
     return Pilot(
-        group, told["structure"], int(told["decoded"]), float(stored), sum(times) / len(times), tuple(told["warnings"])
-    )
+        group, told["structure"], int(told["decoded"]), sizes["capture"] + sizes["table"], sizes, cpu_s,
+        tuple(told["warnings"]),
+    )  # fmt: skip
 
 
 def lengths_of(draws: Draws, pilots: Mapping[str, Pilot]) -> dict[str, int]:
-    """Captures of a whole shard, by group."""
-    return {name: shard_length(one.decoded, len(one.structure), draws.data.captures) for name, one in pilots.items()}
+    """Captures of a whole shard, by group: as many as the data set says, if it does."""
+    asked = draws.data.per_shard
+    return {
+        name: asked or shard_length(one.decoded, len(one.structure), draws.data.captures)
+        for name, one in pilots.items()
+    }
+
+
+def request_of(draws: Draws, identity: str, pilots: Mapping[str, Pilot]) -> dict[str, Any]:
+    """What a store records of the request, with the layout of its groups."""
+    from ...captures.sources import bare_scene
+    from ...scenes.datasets.distributions import Choice, Expressed, Grid
+
+    parameters = draws.data.parameters.items()
+    texts = [n for n, p in parameters if isinstance(p, Choice | Grid) and not all(map(_is_number, p.values))]
+    numbers = [n for n, p in parameters if n not in texts or isinstance(p, Expressed)]
+    lengths = lengths_of(draws, pilots)
+    return {
+        "name": draws.data.dataset, "version": draws.data.version, "identity": identity, "count": draws.data.captures,
+        "numbers": numbers, "texts": texts,
+        "groups": {name: {"structure": one.structure, "length": lengths[name], "stored": one.stored,
+                          "decoded": one.decoded} for name, one in pilots.items()},
+        "dataset": draws.data.model_dump(mode="json"),
+        "scenes": {name: bare_scene(one) for name, one in draws.scenes.items()},
+    }  # fmt: skip
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def outline(draws: Draws, out: Path, workers: int | None) -> dict[str, Any]:
@@ -117,11 +164,17 @@ def outline(draws: Draws, out: Path, workers: int | None) -> dict[str, Any]:
     Raises:
         InputError: a scene that cannot be made, a part of the split without captures, more workers than processors.
     """
+    from ...captures.store.shard_finish import request_bytes
+
     pilots = pilot(draws)
     jobs = Jobs(draws, lengths_of(draws, pilots))
     count, threads = staff(workers, len(jobs))
     groups = []
-    seconds = size = files = 0.0
+    # The request, twice, and what else stands beside the groups; all scenes are drawn once before they are made.
+    size, files = 2.0 * len(request_bytes(request_of(draws, identity_of(draws), pilots))), 5.0
+    began = time.process_time()
+    parts, scenes = check_parts(draws)
+    seconds = time.process_time() - began
     for name, one in pilots.items():
         number = jobs.count(name)
         shards = math.ceil(number / jobs.lengths[name])
@@ -130,14 +183,14 @@ def outline(draws: Draws, out: Path, workers: int | None) -> dict[str, Any]:
             "bytes_per_capture": round(one.stored), "cpu_s_per_capture": one.cpu_s,
         })  # fmt: skip
         seconds += number * one.cpu_s
-        size += number * one.stored
-        files += shards * (len(one.structure) + 2)
-    parts, scenes = check_parts(draws)
+        size += stored_bytes(one.sizes, number, jobs.lengths[name])
+        files += shards * (len(one.structure) + 2) + len(one.structure) + 1
     free = free_bytes_at(out)
     return {
         "dataset": draws.data.dataset, "captures": draws.data.captures, "groups": groups, "parts": parts,
         "distinct_scenes": scenes, "bytes": round(size), "free_bytes": free, "fits": size < free, "files": round(files),
-        "workers": count, "threads": threads, "cpu_s": seconds, "wall_s": seconds / count + _START_S,
+        "workers": count, "threads": threads, "cpu_s": seconds + _START_S * count,
+        "wall_s": seconds / count + _START_S,
         "warnings": sorted({told for one in pilots.values() for told in one.warnings}),
     }  # fmt: skip
 

@@ -9,6 +9,7 @@ import json
 import os
 import signal
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -92,38 +93,33 @@ class _Worker:
             self._tell({"failed": traceback.format_exc(limit=-4)})
 
     def _probe(self, task: dict[str, Any]) -> dict[str, Any]:
-        """Make some captures without writing them: layout, sizes and times."""
+        """Make a few captures and write them into a shard that is thrown away: layout, sizes and times."""
         from ...captures.store.arrays import structure_of
-        from ...captures.store.shard_chunks import blocks_of, encode_block
+        from ...captures.store.shard_finish import write_request
+        from ...captures.store.shard_writer import ShardWriter
+        from .sizes import sizes_of_shard
 
-        stored: list[int] = []
         times: list[float] = []
         told: list[str] = []
-        structure: dict[str, Any] = {}
-        for index in task["rows"]:
-            began = time.process_time()
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                capture, _ = self._maker.capture(index)
-            found = structure_of(capture)
-            if structure and found != structure:
-                other = next(n for n in {**structure, **found} if structure.get(n) != found.get(n))
-                raise InputError(
-                    "The captures of one modality in a data set have one layout.", where=f"capture {index}: {other}",
-                    value=found.get(other), allowed=str(structure.get(other)),
-                    next_step="make a data set for each size, or set the sizes in `overrides` of the base scenes",
-                )  # fmt: skip
-            structure = found
-            arrays = {name: capture.variables[name].values for name in structure}
-            stored.append(sum(len(encode_block(arrays[n][b])) for n, e in structure.items() for b in blocks_of(e)))
-            times.append(time.process_time() - began)
-            told += [str(one.message) for one in caught]
-            self._tell({"capture": index})
-        decoded = sum(int(array.nbytes) for array in arrays.values())
-        modality = str(capture.attrs["modality"])
-        texts = sum(len(str(value)) for value in capture.attrs.values())
-        return {"structure": structure, "modality": modality, "stored": stored, "cpu_s": times, "decoded": decoded,
-                "texts": texts, "warnings": sorted({*told})}  # fmt: skip
+        rows = list(task["rows"])
+        with tempfile.TemporaryDirectory(prefix="beambench-pilot-") as place:
+            write_request(Path(place), {})
+            with ShardWriter(Path(place), task["group"], 0, rows, len(rows), last=True) as writer:
+                structure: dict[str, Any] = {}
+                for index in rows:
+                    began = time.process_time()
+                    with warnings.catch_warnings(record=True) as caught:
+                        warnings.simplefilter("always")
+                        capture, facts = self._maker.capture(index)
+                    structure = _one_layout(structure_of(capture), structure, index)
+                    writer.append(capture, facts)
+                    times.append(time.process_time() - began)
+                    told += [str(one.message) for one in caught]
+                    self._tell({"capture": index})
+                receipt = writer.close()
+        sizes = sizes_of_shard(receipt, self._maker.draws.data.repeats)
+        decoded = sum(int(capture.variables[name].nbytes) for name in structure)
+        return {"structure": structure, "cpu_s": times, "decoded": decoded, "sizes": sizes, "warnings": sorted({*told})}
 
     def _shard(self, task: dict[str, Any]) -> dict[str, Any]:
         from ...captures.store.shard_writer import ShardWriter
@@ -147,6 +143,18 @@ class _Worker:
         self._out.flush()
 
 
+def _one_layout(found: dict[str, Any], first: dict[str, Any], index: int) -> dict[str, Any]:
+    """The layout of a capture, which must be that of the first. Raises InputError."""
+    if first and found != first:
+        other = next(n for n in {**first, **found} if first.get(n) != found.get(n))
+        raise InputError(
+            "The captures of one modality in a data set have one layout.", where=f"capture {index}: {other}",
+            value=found.get(other), allowed=str(first.get(other)),
+            next_step="make a data set for each size, or set the sizes in `overrides` of the base scenes",
+        )  # fmt: skip
+    return found
+
+
 def _own_output() -> IO[str]:
     """Standard output for answers alone: what libraries print goes to standard error."""
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
@@ -159,11 +167,10 @@ def _end_with_parent() -> None:
     import ctypes
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG = 1
-    if parent == 1:
-        sys.exit(1)  # the parent ended before
+    if os.getppid() != int(sys.argv[1]):
+        sys.exit(1)  # the parent ended before; it may itself be process 1, in a container
 
 
 def _limit_threads(count: int) -> None:

@@ -22,6 +22,10 @@ from .removal import remove
 __all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
 
 
+def _nothing(job: Job) -> None:
+    pass
+
+
 class Session:
     """One estimator and its jobs: start, warm up, then run.
 
@@ -34,6 +38,8 @@ class Session:
     Other arguments:
         hidden: folders that the child may not read wherever they are. fresh_child: a new child for every job, which cannot
             remember the others.
+        lay, clear: called before a job is carried out and after its outcome was passed on, such as to write its capture, which need
+            not be there before, and to remove it.
     """
 
     def __init__(
@@ -45,9 +51,12 @@ class Session:
         *,
         hidden: Sequence[Path] = (),
         fresh_child: bool = False,
+        lay: Callable[[Job], None] = _nothing,
+        clear: Callable[[Job], None] = _nothing,
     ) -> None:
         self.label, self.jobs, self.limits, self.scratch = label, list(jobs), limits, scratch
         self.hidden, self.fresh_child = tuple(hidden), fresh_child
+        self._lay, self._clear = lay, clear
         self._child: Child | None = None
         self._first: Outcome | None = None
         self._refused = ""
@@ -90,6 +99,7 @@ class Session:
                 exceeded = exceeded + 1 if outcome.status.startswith(("timeout:", "memory:")) else 0
             on_outcome(outcome)
             remove(self._answer(job))
+            self._clear(job)
             if self.fresh_child:
                 self.close()
                 remove(self.scratch)
@@ -110,6 +120,7 @@ class Session:
 
     def _attempt(self, child: Child, job: Job, *, only_warm: bool) -> Outcome | None:
         """Carry out one job, or only its warm-up (then None on success). A child that cannot continue is ended."""
+        self._lay(job)
         outcome, alive = attempt(child, job, self.limits, self._answer(job), only_warm=only_warm)
         if not alive:
             self.close(kill=True)
@@ -125,10 +136,18 @@ class Session:
 
 
 def run_jobs(
-    label: str, jobs: Sequence[Job], limits: Limits, scratch: Path, on_outcome: Callable[[Outcome], None]
+    label: str,
+    jobs: Sequence[Job],
+    limits: Limits,
+    scratch: Path,
+    on_outcome: Callable[[Outcome], None],
+    *,
+    lay: Callable[[Job], None] = _nothing,
+    clear: Callable[[Job], None] = _nothing,
 ) -> None:
     """Run one estimator on `jobs` in one child, restarted where needed. Arguments as for `Session`."""
-    run_sessions([Session(label, jobs, limits, scratch)], lambda _, outcome: on_outcome(outcome))
+    session = Session(label, jobs, limits, scratch, lay=lay, clear=clear)
+    run_sessions([session], lambda _, outcome: on_outcome(outcome))
 
 
 def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome], None]) -> None:

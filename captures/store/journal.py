@@ -206,12 +206,13 @@ def _wrong(partial: Path, what: str, value: object) -> InputError:
     )  # fmt: skip
 
 
-def lock_journal(file: IO[bytes], partial: Path) -> None:
-    """Hold the journal for this process until it is closed. Raises InputError where another process writes the store."""
+def lock_journal(file: IO[bytes], partial: Path, *, shared: bool = False) -> None:
+    """Hold the journal for this process until it is closed; `shared`: beside others that do. Raises InputError where another
+    process writes the store."""
     import fcntl
 
     try:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file.fileno(), (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise InputError(
             "Another process is writing this store.",
@@ -239,9 +240,10 @@ def fsync_path(path: Path) -> None:
         os.close(descriptor)
 
 
-def write_file(file: Path, content: bytes) -> None:
-    """Write or replace a file atomically, forced to disk. Raises OSError."""
-    temporary = file.with_name(file.name + ".new")
+def write_file(file: Path, content: bytes, mark: str = "") -> None:
+    """Write or replace a file atomically, forced to disk. Where two may write one file at once, each has a `mark` of its own, which
+    the name of its temporary file holds. Raises OSError."""
+    temporary = file.with_name(f"{file.name}.{mark}.new" if mark else f"{file.name}.new")
     # A new file, never one that stands there: that may be a link to another place.
     temporary.unlink(missing_ok=True)
     try:

@@ -18,7 +18,7 @@ from .journal import JOURNAL, MARK_LINE, has_mark, write_file
 from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, RECORD, regular_size
 
 __all__ = [
-    "REPAIR_MARK",
+    "REPAIR_MARK", "TOKEN",
     "clear_unfinished_writes", "foreign_entries", "is_ours", "is_removable_partial", "may_drop", "remove_store", "replaced_name",
     "settle_replacement", "sharded_foreign", "state_replacement",
 ]  # fmt: skip
@@ -34,8 +34,12 @@ _TOP = {
 }
 #: Files and the folder of a store of many captures.
 _ASKED, _RECEIPTS = "dataset.json", "receipts"
-_TOP_SHARDED = _TOP | {name + end for name in (_ASKED, f"{_ASKED}.copy", "index.parquet") for end in ("", ".new")}
-_RECEIPT = re.compile(r"[a-z0-9][a-z0-9_]{0,60}\.[0-9]{1,9}\.z(\.copy)?(\.new)?")
+#: A file in an unfinished store that workers on other machines read, to show that they see the same folder.
+TOKEN = "workers.token"
+_TOP_SHARDED = _TOP | {
+    name + end for name in (_ASKED, f"{_ASKED}.copy", "index.parquet", TOKEN) for end in ("", ".new")
+}
+_RECEIPT = re.compile(r"[a-z0-9][a-z0-9_]{0,60}\.[0-9]{1,9}\.z(\.copy)?((\.[0-9a-f]{32})?\.new)?")
 _CHUNK = re.compile(r"c(\.[0-9]{1,10})*(\.[0-9a-f]{32}\.partial|\.new)?")
 
 

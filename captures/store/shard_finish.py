@@ -12,13 +12,13 @@ from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
 from .journal import JOURNAL, fsync_path, write_file
 from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, regular_size, sum_text
-from .ownership import REPAIR_MARK
+from .ownership import REPAIR_MARK, TOKEN
 from .publish import exchange
 from .shard_index import index_content
 from .shard_manifest import DATASET, INDEX, ShardedManifest, sharded_manifest
 from .shard_receipts import COPY, RECEIPTS, SHARDED_VERSION, Receipt, list_receipts, read_either
 
-__all__ = ["publish_sharded", "read_request", "request_bytes", "store_files", "write_request"]
+__all__ = ["drop_temporary", "publish_sharded", "read_request", "request_bytes", "store_files", "write_request"]
 
 
 def request_bytes(request: dict[str, Any]) -> bytes:
@@ -90,14 +90,14 @@ def publish_sharded(partial: Path, path: Path, *, overwrite: bool) -> ShardedMan
         fsync_path(partial / group.name)
     fsync_path(partial)
     exchange(partial, path, overwrite, None)
-    for name in (JOURNAL, REPAIR_MARK):
+    for name in (JOURNAL, REPAIR_MARK, TOKEN):
         (path / name).unlink(missing_ok=True)
     fsync_path(path)
     return manifest
 
 
 def _drop_unlisted(partial: Path, manifest: ShardedManifest) -> None:
-    """Remove files of shards that have no receipt: a stop left them."""
+    """Remove files of shards that have no receipt, and temporary files: a stop left them."""
     from .ownership import may_drop
     from .shard_chunks import shard_key
 
@@ -106,5 +106,13 @@ def _drop_unlisted(partial: Path, manifest: ShardedManifest) -> None:
         for name, entry in group.structure.items():
             known = {shard_key(number, entry) for number in kept}
             for file in (partial / group.name / name).iterdir():
-                if file.name not in known and (may_drop(file.name) or file.name.endswith(".new")):
+                if file.name not in known and may_drop(file.name):
                     file.unlink()
+    drop_temporary(partial)
+
+
+def drop_temporary(partial: Path) -> None:
+    """Remove the temporary files that stopped workers left in an unfinished store. Raises OSError."""
+    for pattern in (f"{RECEIPTS}/*.new", "*/*/c.*.partial", "*/*/c.*.new"):
+        for file in partial.glob(pattern):
+            file.unlink(missing_ok=True)

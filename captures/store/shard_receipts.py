@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import secrets
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -69,6 +70,7 @@ class Receipt:
         group, shard, modality, structure: its place and its layout. length: captures of a whole shard.
         captures, texts: what it holds, and long attributes by their sha256. job: what identifies the request.
     Other arguments:
+        lost: captures that a repair had to drop; each is made again from its attributes, and known by the sha256 of its chunks.
         raw: the bytes of the file that it was read from: another version of zlib may write others.
     """
 
@@ -80,6 +82,7 @@ class Receipt:
     captures: list[Held]
     texts: dict[str, str]
     job: str = ""
+    lost: list[Held] = field(default_factory=list)
     raw: bytes = field(default=b"", compare=False, repr=False)
 
     @property
@@ -96,6 +99,8 @@ class Receipt:
             "modality": self.modality, "structure": self.structure, "length": self.length, "job": self.job,
             "captures": [vars(one) for one in self.captures], "texts": self.texts,
         }  # fmt: skip
+        if self.lost:
+            body["lost"] = [vars(one) for one in self.lost]
         text = json.dumps(body, sort_keys=True).encode()
         return zlib.compress(hashlib.sha256(text).hexdigest().encode() + b" " + text, 6)
 
@@ -137,9 +142,11 @@ def write_receipt(root: Path, receipt: Receipt) -> bytes:
     """Write a receipt and its copy, forced to disk with their folder, and return its bytes. Raises OSError."""
     content = receipt.content_bytes()
     name = receipt_name(receipt.group, receipt.shard)
+    # Another machine may write the same shard, of a worker that was taken for dead: each has temporary files of its own.
+    mark = secrets.token_hex(16)
     # The copy first: a receipt without a copy is never there, but for damage.
-    write_file(root / RECEIPTS / (name + COPY), content)
-    write_file(root / RECEIPTS / name, content)
+    write_file(root / RECEIPTS / (name + COPY), content, mark)
+    write_file(root / RECEIPTS / name, content, mark)
     fsync_path(root / RECEIPTS)
     return content
 
@@ -196,9 +203,10 @@ def _checked(body: Any, group: str, shard: int) -> Receipt:
     if type(length) is not int or not 0 < length <= 2**20 or not isinstance(texts, dict):
         raise ValueError("it states no length, or no texts")
     captures = [_held(one, structure, texts, length) for one in body["captures"]]
-    if len({one.row for one in captures}) != len(captures):
+    lost = [_held(one, structure, texts, length) for one in body.get("lost", [])]
+    if len({one.row for one in (*captures, *lost)}) != len(captures) + len(lost):
         raise ValueError("two captures have one place")
-    return Receipt(group, shard, str(body["modality"]), structure, length, captures, texts, str(body["job"]))
+    return Receipt(group, shard, str(body["modality"]), structure, length, captures, texts, str(body["job"]), lost)
 
 
 def _held(one: Any, structure: Structure, texts: dict[str, str], length: int) -> Held:

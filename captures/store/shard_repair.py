@@ -1,7 +1,8 @@
 """Repair a store of many captures: metadata are written again, captures made again or dropped, each file at a time.
 
-A dropped capture leaves its place empty: all others keep theirs, and no file but those of its shard is touched. Every step
-replaces whole files, so that a repair which was killed is finished by the next one.
+A dropped capture leaves its place empty: all others keep theirs, and no file but those of its shard is touched. The receipt still
+tells how it was made, so that a later repair that makes captures again brings it back. Every step replaces whole files, so that a
+repair which was killed is finished by the next one.
 """
 
 from __future__ import annotations
@@ -110,7 +111,10 @@ def _receipts(root: Path) -> list[str]:
 
 
 def mend_shards(root: Path, make: Make | None) -> tuple[tuple[int, ...], tuple[int, ...], tuple[str, ...]]:
-    """Make damaged captures again, or drop them; (dropped, remade, reasons). Raises InputError, OSError."""
+    """Make damaged captures again, or drop them, and make again those that were dropped before; (dropped, remade, reasons).
+
+    Captures have the numbers of their places; those that were dropped before, that in the data set. Raises InputError, OSError.
+    """
     dropped: list[int] = []
     remade: list[int] = []
     reasons: list[str] = []
@@ -119,19 +123,21 @@ def mend_shards(root: Path, make: Make | None) -> tuple[tuple[int, ...], tuple[i
         try:
             receipt = read_either(root, *place)
         except InputError:
-            reasons.append(f"shard {receipt_name(*place)}: both of its receipts are damaged")
+            reasons.append(
+                f"shard {receipt_name(*place)}: both of its receipts are damaged; `generate … --resume` makes it again"
+            )
             for name in (receipt_name(*place), receipt_name(*place) + COPY):
                 (root / RECEIPTS / name).unlink(missing_ok=True)
             continue
         damage = shard_damage(root, receipt, first)
-        if damage:
+        if damage or (receipt.lost and make is not None):
             shard = _Shard(root, receipt, first, damage)
             shard.mend(make)
             dropped += shard.dropped
             remade += shard.remade
             reasons += shard.reasons
         first += len(receipt.captures)
-    if first and len(dropped) == first:
+    if first and len(dropped) == first and not remade:
         raise InputError("No capture is intact.", where=str(root), next_step="generate the data anew")
     return tuple(dropped), tuple(remade), tuple(reasons)
 
@@ -143,6 +149,7 @@ class _Shard:
         self._root, self._receipt, self._first = root, receipt, first
         self._files = {one.file for one in damage}
         self._broken = sorted({one.capture for one in damage if one.capture is not None})
+        self._all = False  # whether the files of all arrays are written again
         self.dropped: list[int] = []
         self.remade: list[int] = []
         self.reasons: list[str] = []
@@ -159,36 +166,54 @@ class _Shard:
             self.dropped.append(number)
             if make is not None:
                 self.reasons.append(f"capture {number}: {reason}")
-        receipt = self._receipt
-        if self.dropped:
-            lost = {number - self._first for number in self.dropped}
-            left = [held for place, held in enumerate(receipt.captures) if place not in lost]
-            receipt = replace(receipt, captures=left, raw=b"")
-            if not receipt.captures:
-                self._remove(receipt)
-                return
+        receipt = self._changed(() if make is None else self._back(make, new))
+        if not receipt.captures:
+            write_receipt(self._root, receipt)  # it alone tells how they were made
+            for name in receipt.structure:
+                self._path(name).unlink(missing_ok=True)
+            return
         contents = {name: self._file(receipt, name, new) for name in self._touched()}
         for name, content in contents.items():
             write_file(self._path(name), content)
             fsync_path(self._path(name).parent)
-        if self.dropped:
+        if receipt is not self._receipt:
             write_receipt(self._root, receipt)
+
+    def _back(self, make: Make, new: dict[tuple[int, str], list[bytes]]) -> list[Held]:
+        """Those captures that were dropped by an earlier repair and are made again."""
+        back = []
+        for held in self._receipt.lost:
+            if reason := self._again(held, make, new):
+                self.reasons.append(f"capture {held.index}: {reason}")
+            else:
+                back.append(held)
+                self.remade.append(held.index)
+        return back
+
+    def _changed(self, back: Iterable[Held]) -> Receipt:
+        """The receipt without the captures that are dropped, which it lists as lost, and with those that are `back`."""
+        old, back = self._receipt, [*back]
+        gone = [old.captures[number - self._first] for number in self.dropped]
+        if not gone and not back:
+            return old
+        self._all = True
+        rows, returned = {held.row for held in gone}, {held.row for held in back}
+        captures = [held for held in old.captures if held.row not in rows] + back
+        lost = [held for held in old.lost if held.row not in returned] + gone
+        return replace(
+            old,
+            captures=sorted(captures, key=lambda held: held.row),
+            lost=sorted(lost, key=lambda held: held.row),
+            raw=b"",
+        )
 
     def _touched(self) -> Iterable[str]:
         names = self._receipt.structure
-        return (
-            names if self.dropped else [n for n in names if str(self._path(n).relative_to(self._root)) in self._files]
-        )
+        return names if self._all else [n for n in names if str(self._path(n).relative_to(self._root)) in self._files]
 
     def _path(self, name: str) -> Path:
         entry = self._receipt.structure[name]
         return self._root / self._receipt.group / name / shard_key(self._receipt.shard, entry)
-
-    def _remove(self, receipt: Receipt) -> None:
-        for name in (receipt_name(receipt.group, receipt.shard), receipt_name(receipt.group, receipt.shard) + COPY):
-            (self._root / RECEIPTS / name).unlink(missing_ok=True)
-        for name in receipt.structure:
-            self._path(name).unlink(missing_ok=True)
 
     def _again(self, held: Held, make: Make, new: dict[tuple[int, str], list[bytes]]) -> str:
         """Make a capture again; the reason why it is not what was written, or ""."""

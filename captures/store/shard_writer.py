@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import secrets
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -62,7 +63,7 @@ class ShardWriter:
             )  # fmt: skip
         self._root, self._group, self._shard, self._job = root, group, shard, job
         self._rows, self._length, self._structure = list(rows), length, structure
-        self._modality = ""
+        self._modality, self._mark = "", secrets.token_hex(16)
         self._files: dict[str, IO[bytes]] = {}
         self._texts: dict[str, str] = {}
         self._held: list[Held] = []
@@ -109,7 +110,7 @@ class ShardWriter:
                 os.fsync(file.fileno())
                 file.close()
                 place = self._place(name, structure)
-                os.replace(place.with_name(place.name + ".new"), place)
+                os.replace(self._temporary(place), place)
                 fsync_path(place.parent)
             write_receipt(self._root, receipt)
         except OSError as error:
@@ -128,9 +129,11 @@ class ShardWriter:
         for name in structure:
             place = self._place(name, structure)
             place.parent.mkdir(parents=True, exist_ok=True)
-            new = place.with_name(place.name + ".new")
-            new.unlink(missing_ok=True)
-            self._files[name] = open(new, "xb")  # noqa: SIM115 (closed by close and __exit__)
+            self._files[name] = open(self._temporary(place), "xb")  # noqa: SIM115 (closed by close and __exit__)
+
+    def _temporary(self, place: Path) -> Path:
+        # A worker that was taken for dead may write the same shard: its files are not these, and either's are whole.
+        return place.with_name(f"{place.name}.{self._mark}.partial")
 
     def _place(self, name: str, structure: Structure) -> Path:
         return self._root / self._group / name / shard_key(self._shard, structure[name])
