@@ -8,10 +8,10 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,14 +20,23 @@ from ..layouts.schema import JSON_ATTRIBUTES
 from .form import Format
 from .selection import Piece, Selection
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 __all__ = ["BYTES_PER_FILE", "WEBDATASET", "plain_attributes", "write_samples"]
 
 #: Bytes of a tar file that are aimed at: some seconds of a network, and enough files for many readers.
 BYTES_PER_FILE = 2**27
 
 
-def write_samples(piece: Piece, paths: list[Path]) -> None:
-    """Write one tar file. Raises OSError, InputError."""
+def _nothing(key: str, capture: xr.Dataset, facts: dict[str, Any]) -> None:
+    """Do nothing."""
+
+
+def write_samples(
+    piece: Piece, paths: list[Path], each: Callable[[str, xr.Dataset, dict[str, Any]], None] = _nothing
+) -> None:
+    """Write one tar file; `each` is called with the key, the capture and its facts. Raises OSError, InputError."""
     with open(paths[0], "xb") as raw, tarfile.open(fileobj=raw, mode="w", format=tarfile.USTAR_FORMAT) as tar:
         for place in piece.places:
             capture = piece.source.load(place)
@@ -36,12 +45,14 @@ def write_samples(piece: Piece, paths: list[Path]) -> None:
                 str(name): {"dims": list(map(str, one.dims)), **{str(k): v for k, v in one.attrs.items()}}
                 for name, one in capture.variables.items()
             }
-            told = piece.source.facts(place) | {"variables": variables, "attributes": plain_attributes(capture.attrs)}
+            facts = piece.source.facts(place)
+            told = facts | {"variables": variables, "attributes": plain_attributes(capture.attrs)}
             _add(tar, f"{key}.json", json.dumps(told, sort_keys=True).encode())
             for name, variable in capture.variables.items():
                 content = io.BytesIO()
                 np.lib.format.write_array(content, np.ascontiguousarray(variable.values), allow_pickle=False)
                 _add(tar, f"{key}.{name}.npy", content.getvalue())
+            each(key, capture, facts)
 
 
 def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
@@ -66,4 +77,4 @@ def _pieces(selection: Selection, per_file: int | None, key: str) -> list[Piece]
     return selection.packed(".tar", per_file, BYTES_PER_FILE)
 
 
-WEBDATASET = Format(_pieces, write_samples)
+WEBDATASET = Format(_pieces, lambda piece, paths: write_samples(piece, paths))
