@@ -77,8 +77,8 @@ def _distribution(
 ) -> list[dict[str, Any]]:
     objects = [
         {
-            "@type": "cr:FileObject", "@id": samples, "name": samples, "contentUrl": samples, "encodingFormat": "application/x-parquet",
-            "contentSize": f"{len(table)} B", "sha256": hashlib.sha256(table).hexdigest(),
+            "@type": "cr:FileObject", "@id": samples, "name": samples, "contentUrl": samples,
+            "encodingFormat": "application/x-parquet", "contentSize": f"{len(table)} B", "sha256": hashlib.sha256(table).hexdigest(),
         }
     ]  # fmt: skip
     objects += [

@@ -22,7 +22,7 @@ from ..store.journal import append_line, fsync_path, line_of, write_file
 from ..store.manifest import regular_size, sha256_file
 from ..store.publish import disk_error, partial_of
 
-__all__ = ["EXPORT", "Done", "Pace", "Place", "Tell", "export_place", "finish"]
+__all__ = ["EXPORT", "Done", "Pace", "Place", "Tell", "export_place", "exported", "finish"]
 
 #: The list of an export's files, and the journal of one that is unfinished.
 EXPORT, JOURNAL = "export.json", "export.jsonl"
@@ -95,7 +95,7 @@ def export_place(out: Path, request: Mapping[str, Any], *, resume: bool, overwri
     partial = partial_of(out)
     _settle(out)
     if os.path.lexists(out):
-        if resume and not partial.exists() and _manifest(out).get("request") == request:
+        if resume and not partial.exists() and exported(out).get("request") == request:
             yield None
             return
         _check_replaceable(out, resume, overwrite)
@@ -116,12 +116,12 @@ def export_place(out: Path, request: Mapping[str, Any], *, resume: bool, overwri
 
 def _check_replaceable(out: Path, resume: bool, overwrite: bool) -> None:
     if not overwrite:
-        told = "an export of other captures, or with other options" if resume and _manifest(out) else ""
+        told = "an export of other captures, or with other options" if resume and exported(out) else ""
         raise _refuse(
             f"The output is {told}." if told else "The output exists.", out,
             next_step="choose another --out, or add --overwrite",
         )  # fmt: skip
-    listed = _manifest(out)
+    listed = exported(out)
     if not listed:
         raise _refuse(
             "Beambench did not write the existing output, so it is not replaced.", out,
@@ -145,7 +145,7 @@ def _files(folder: Path) -> list[str]:
     return found
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
+def exported(folder: Path) -> dict[str, Any]:
     """The list of a complete export, {} where there is none."""
     try:
         if folder.is_symlink() or regular_size(folder / EXPORT) is None:
@@ -250,7 +250,7 @@ def _publish(partial: Path, out: Path) -> None:
     fsync_path(out.parent)
     (out / JOURNAL).unlink(missing_ok=True)
     if aside.exists():
-        _remove(aside, list(_manifest(aside).get("files", {})))
+        _remove(aside, list(exported(aside).get("files", {})))
 
 
 def _aside(out: Path) -> Path:
@@ -260,10 +260,10 @@ def _aside(out: Path) -> Path:
 def _settle(out: Path) -> None:
     """Finish a replacement that was stopped: the old export gets its name back, or is removed."""
     aside = _aside(out)
-    if not _manifest(aside):
+    if not exported(aside):
         return
     if os.path.lexists(out):
-        _remove(aside, list(_manifest(aside)["files"]))
+        _remove(aside, list(exported(aside)["files"]))
     else:
         os.rename(aside, out)
 
