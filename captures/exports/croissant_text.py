@@ -107,7 +107,7 @@ def _set(group: str, variable: str) -> str:
 
 def _splits(names: Sequence[str]) -> dict[str, Any]:
     return {
-        "@type": "cr:RecordSet", "@id": "splits", "name": "splits", "description": "parts of the split: no scene is in two",
+        "@type": "cr:RecordSet", "@id": "splits", "name": "splits", "description": "parts of the split",
         "dataType": "cr:Split", "key": {"@id": "splits/name"},
         "field": [{"@type": "cr:Field", "@id": "splits/name", "name": "name", "dataType": "sc:Text"}],
         "data": [{"splits/name": name} for name in names],
