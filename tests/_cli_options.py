@@ -74,6 +74,11 @@ compare: --json <flag> default False
 compare: A <text> required
 compare: B <text> required
 completion: --shell <text> default 'bash'
+data card: --debug <flag> default False
+data card: --json <flag> default False
+data card: --out -o <text> default None
+data card: --overwrite <flag> default False
+data card: DATA <text> required
 data finalize: --debug <flag> default False
 data finalize: --json <flag> default False
 data finalize: --overwrite <flag> default False

@@ -1,4 +1,4 @@
-"""Exports of all modalities, read back by other programs where they are installed: values, units, flags and attributes are the same."""
+"""Exports of all modalities, read back by other programs where they are installed: values, units, flags and attributes."""
 
 from __future__ import annotations
 

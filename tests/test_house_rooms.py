@@ -42,7 +42,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "listing", "package",
     ),
     "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
+        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets", "card",
         "design", "search", "peers", "fidelity", "measure", "run", "gate", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),

@@ -131,7 +131,9 @@ def _export_text(path: Path, given: Arguments) -> None:
     files = [name for name in told.get("files", {}) if name.endswith(ends.get(given["to"], ""))]
     if told:
         size = size_text(sum(size for size, _ in told["files"].values()))
-        print_lines(f"folder   {path}: {told['captures']} captures, {len(told['files'])} files, {size}; {EXPORT} lists them")
+        print_lines(
+            f"folder   {path}: {told['captures']} captures, {len(told['files'])} files, {size}; {EXPORT} lists them"
+        )
     else:
         print_lines(f"file     {path}")
     print_lines(_READ[given["to"]].format(data=given["data"], file=str(path / files[0]) if files else ""))

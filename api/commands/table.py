@@ -13,6 +13,7 @@ _COMMANDS = {
     "scenes show": (0, "scenes:SHOW"),
     "scenes preview": (0, "scenes:PREVIEW"),
     "generate": (3, "generate:GENERATE"),
+    "data card": (0, "data:CARD"),
     "data status": (0, "data:STATUS"),
     "data verify": (0, "data:VERIFY"),
     "data repair": (0, "data:REPAIR"),

@@ -1,6 +1,6 @@
 """Croissant: a WebDataset, a table of its samples, and `croissant.json`, which mlcroissant validates and reads.
 
-Source: MLCommons, Croissant format specification 1.1; M. Akhtar et al., Croissant: a metadata format for ML-ready datasets, DEEM 2024.
+Source: MLCommons, Croissant format specification 1.1; M. Akhtar et al., Croissant, a metadata format for ML-ready datasets, 2024.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _more(selection: Selection, place: Place, key: str) -> Mapping[str, bytes]:
 
 
 def _pieces(selection: Selection, per_file: int | None, key: str) -> list[Piece]:
-    # mlcroissant unpacks an archive into a folder that is named by its address alone: equal names of two data sets would meet there.
+    # mlcroissant unpacks an archive into a folder named by its address alone, where equal names of two data sets would meet.
     return selection.packed(".tar", per_file, BYTES_PER_FILE, stem=f"-{key}")
 
 

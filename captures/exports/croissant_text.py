@@ -78,7 +78,8 @@ def _distribution(
     objects = [
         {
             "@type": "cr:FileObject", "@id": samples, "name": samples, "contentUrl": samples,
-            "encodingFormat": "application/x-parquet", "contentSize": f"{len(table)} B", "sha256": hashlib.sha256(table).hexdigest(),
+            "encodingFormat": "application/x-parquet", "contentSize": f"{len(table)} B",
+            "sha256": hashlib.sha256(table).hexdigest(),
         }
     ]  # fmt: skip
     objects += [
