@@ -206,7 +206,8 @@ def _samples(card: Card) -> list[Block]:
 def _sample(group: str, number: int, one: Sample) -> Figure:
     finite = one.values[np.isfinite(one.values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    caption = f"capture {one.capture}, {one.base}{f', {one.part}' if one.part else ''}: {one.title}, {low:.4g} … {high:.4g} {one.unit}"
+    part = f", {one.part}" if one.part else ""
+    caption = f"capture {one.capture}, {one.base}{part}: {one.title}, {low:.4g} … {high:.4g} {one.unit}"
     if min(one.values.shape) < 5:
         return Figure(f"{group}-{number:02d}.svg", line(one.title, one.values.reshape(-1)).encode(), caption)
     image = png(one.values, low, high if high > low else low + 1.0, SEQUENTIAL)
@@ -230,7 +231,10 @@ def _split(card: Card) -> list[Block]:
     found: list[Block] = [Heading("Split"), Paragraph(verdict, strong=True), Paragraph(told)]
     if leaks.near:
         rows = [
-            (n.part, f"{n.count:,}", _share(n.least), _share(n.median), "; ".join(f"{a} to {b}: {_share(d)}" for d, a, b in n.pairs))
+            (
+                n.part, f"{n.count:,}", _share(n.least), _share(n.median),
+                "; ".join(f"{a} to {b}: {_share(d)}" for d, a, b in n.pairs),
+            )
             for n in leaks.near
         ]  # fmt: skip
         own = (
@@ -241,8 +245,8 @@ def _split(card: Card) -> list[Block]:
         found += [
             Paragraph(
                 "Nearest scenes of train: the greatest difference of any number of target or medium, as a share of its range over "
-                "the data set. Only scenes that differ in numbers alone, but seeds, are compared: a hash does not see that two differ "
-                "by a thousandth." + own
+                "the data set. Only scenes that differ in numbers alone, but seeds, are compared: a hash does not see that two "
+                "differ by a thousandth." + own
             ),
             Table(("part", "scenes", "nearest", "median", "nearest captures"), rows),
         ]  # fmt: skip
