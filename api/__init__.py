@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .verbs.bound import bound
     from .verbs.break_ import break_
     from .verbs.compare import compare
-    from .verbs.data import data_finalize, data_repair, data_status, data_verify
+    from .verbs.data import data_card, data_finalize, data_repair, data_status, data_verify
     from .verbs.design import design
     from .verbs.doctor import doctor
     from .verbs.estimate import estimate
@@ -42,6 +42,7 @@ __all__ = [
     "bound",
     "break_",
     "compare",
+    "data_card",
     "data_finalize",
     "data_repair",
     "data_status",
@@ -76,6 +77,7 @@ _HOME = {
     "bound": ".verbs.bound",
     "break_": ".verbs.break_",
     "compare": ".verbs.compare",
+    "data_card": ".verbs.data",
     "data_finalize": ".verbs.data",
     "data_repair": ".verbs.data",
     "data_status": ".verbs.data",

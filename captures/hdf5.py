@@ -98,11 +98,13 @@ class Hdf5Output:
 
 
 @contextmanager
-def hdf5_output(path: Path) -> Iterator[Hdf5Output]:
+def hdf5_output(path: Path, *, track_order: bool = False) -> Iterator[Hdf5Output]:
     """Write an HDF5 file under a temporary name and rename it when the block ends without an error.
 
     Main arguments:
         path: the file to write.
+    Other arguments:
+        track_order: keep the order in which names are created, as NetCDF-4 demands.
 
     Raises:
         InputError: the file cannot be written, or the disk is full; then neither file is left.
@@ -117,7 +119,7 @@ def hdf5_output(path: Path) -> Iterator[Hdf5Output]:
     try:
         with file:
             sink = _Sink(file)
-            with h5py.File(sink, "w") as h5:
+            with h5py.File(sink, "w", track_order=track_order) as h5:
                 output = Hdf5Output(h5, sink, path)
                 yield output
             output.check()

@@ -77,6 +77,11 @@ compare: --json <flag> default False
 compare: A <text> required
 compare: B <text> required
 completion: --shell <text> default 'bash'
+data card: --debug <flag> default False
+data card: --json <flag> default False
+data card: --out -o <text> default None
+data card: --overwrite <flag> default False
+data card: DATA <text> required
 data finalize: --debug <flag> default False
 data finalize: --json <flag> default False
 data finalize: --overwrite <flag> default False
@@ -140,7 +145,12 @@ export: --debug <flag> default False
 export: --json <flag> default False
 export: --out -o <text> default None
 export: --overwrite <flag> default False
-export: --to <{hdf5}> default 'hdf5'
+export: --part <text> default None
+export: --per-file <number> default None
+export: --resume <flag> default False
+export: --to <{hdf5,netcdf,exr,tiff,webdataset,croissant}> default 'hdf5'
+export: --truth --no-truth <flag> default True
+export: --variables <text...> default None
 export: DATA <text> required
 fidelity: --debug <flag> default False
 fidelity: --json <flag> default False

@@ -30,7 +30,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents", "readers",
+        "example", "export", "contents", "readers", "exports",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",
@@ -42,7 +42,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "listing", "package",
     ),
     "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets",
+        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets", "card",
         "design", "search", "peers", "fidelity", "measure", "run", "gate", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),

@@ -1,4 +1,4 @@
-"""The commands `data status`, `data verify`, `data repair` and `data finalize`."""
+"""The commands `data card`, `data status`, `data verify`, `data repair` and `data finalize`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from ..console import print_lines, print_table, size_text
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..captures.store.recovery import Recovery
     from ..captures.store.verification import Damage
 
-__all__ = ["FINALIZE", "REPAIR", "STATUS", "VERIFY"]
+__all__ = ["CARD", "FINALIZE", "REPAIR", "STATUS", "VERIFY"]
 
 
 def _status_json(status: dict[str, Any], given: Arguments) -> dict[str, Any]:
@@ -73,6 +75,23 @@ def _status_code(status: dict[str, Any]) -> int:
     return int(status.get("state", "complete") in ("incomplete", "damaged"))
 
 
+def _card_json(folder: Path, given: Arguments) -> dict[str, Any]:
+    return {
+        "out": str(folder),
+        "files": sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()),
+    }
+
+
+def _card_text(folder: Path, given: Arguments) -> None:
+    print_lines(f"card     {folder}/card.md", f"page     {folder}/card.html")
+
+
+CARD = command(
+    "data card",
+    "data:data_card",
+    View(_card_text, _card_json),
+    examples="Example:\n  beambench data card gated-1k -o gated-1k-card",
+)
 STATUS = command(
     "data status",
     "data:data_status",

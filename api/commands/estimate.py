@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..console import print_lines, print_table, score_records
+from ..console import print_lines, print_table, score_records, size_text
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
@@ -105,19 +105,50 @@ SCORE = command(
 )
 
 
+#: How a format is read, in one line.
+_READ = {
+    "hdf5": "next     beambench score {data} ESTIMATES.h5",
+    "netcdf": "read     xarray.open_dataset({file!r})",
+    "exr": "read     OpenEXR.File({file!r}, separate_channels=True)",
+    "tiff": "read     tifffile.imread({file!r})",
+    "webdataset": "read     webdataset.WebDataset({file!r}).decode()",
+    "croissant": "read     mlcroissant.Dataset({file!r}).records('samples')",
+}
+
+
 def _export_json(path: Path, given: Arguments) -> dict[str, Any]:
-    return {"out": str(path)}
+    from ..captures.exports.place import exported
+
+    told = exported(path)
+    return {"out": str(path)} | ({"captures": told["captures"], "files": len(told["files"])} if told else {})
 
 
 def _export_text(path: Path, given: Arguments) -> None:
-    print_lines(f"file     {path}", f"next     beambench score {given['data']} ESTIMATES.h5")
+    from ..captures.exports.place import EXPORT, exported
+
+    told = exported(path)
+    ends = {"netcdf": ".nc", "exr": ".exr", "tiff": ".tif", "webdataset": ".tar", "croissant": "croissant.json"}
+    files = [name for name in told.get("files", {}) if name.endswith(ends.get(given["to"], ""))]
+    if told:
+        size = size_text(sum(size for size, _ in told["files"].values()))
+        print_lines(
+            f"folder   {path}: {told['captures']} captures, {len(told['files'])} files, {size}; {EXPORT} lists them"
+        )
+    else:
+        print_lines(f"file     {path}")
+    print_lines(_READ[given["to"]].format(data=given["data"], file=str(path / files[0]) if files else ""))
 
 
 EXPORT = command(
     "export",
     "export:export",
     View(_export_text, _export_json),
-    examples="""Example: estimates by any program
+    examples="""Examples:
+  beambench export gated-1k --to webdataset -o gated-1k-wds
+  beambench export gated-1k --to netcdf --part test --variables counts --variables truth_range -o test-set
+  beambench export gated-1k --to croissant -o gated-1k-croissant --resume
+  beambench export captures.zarr --to exr --no-truth -o pictures
+Estimates by any program:
   beambench export captures.zarr -o captures.h5
   my-program captures.h5 estimates.h5
   beambench score captures.zarr estimates.h5""",

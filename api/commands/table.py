@@ -17,6 +17,7 @@ _COMMANDS = {
     "suites show": (0, "suites:SHOW"),
     "suites new": (0, "suites:NEW"),
     "generate": (3, "generate:GENERATE"),
+    "data card": (0, "data:CARD"),
     "data status": (0, "data:STATUS"),
     "data verify": (0, "data:VERIFY"),
     "data repair": (0, "data:REPAIR"),

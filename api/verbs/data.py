@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..benchmarks.folders.progress import Progress
     from ..captures.store.recovery import Recovery
     from ..captures.store.verification import Damage
 
-__all__ = ["data_finalize", "data_repair", "data_status", "data_verify"]
+__all__ = ["data_card", "data_finalize", "data_repair", "data_status", "data_verify"]
 
 
 def data_status(data: str | Path) -> dict[str, Any]:
@@ -28,6 +29,40 @@ def data_status(data: str | Path) -> dict[str, Any]:
     from ..captures.contents import contents
 
     return contents(Path(data))
+
+
+def data_card(
+    data: str | Path, *, out: str | Path | None = None, overwrite: bool = False, progress: Progress | None = None
+) -> Path:
+    """Write the card of a data set: licence, provenance, figures, sample pictures, and whether its split leaks.
+
+    card.md and its pictures are for a repository, card.html is one page without network. Licence, title, description and citation
+    are those of the data set's file; what is not stated there is called so.
+
+    Main arguments:
+        data: The data set.
+    Other arguments:
+        out: Folder of the card; ./beambench-runs/card-<name>-<time> by default. It lies outside of the data set.
+        overwrite: Replace an earlier card in `out`.
+        progress: Receives every step.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: No complete data set, a damaged one, or an output that exists.
+    """
+    from ..benchmarks.card.card import card_of, write_card
+    from ..benchmarks.folders.kinds import CARD, slug
+    from ..benchmarks.folders.progress import silent
+    from ..benchmarks.folders.workplace import output_folder, workplace
+    from ..scenes.places import local_path
+
+    source = local_path(data, "DATA")
+    folder = output_folder(out, f"card-{slug(source.stem)}", resume=False, overwrite=overwrite)
+    with workplace(folder, CARD, overwrite=overwrite, inputs=[data]) as work:
+        write_card(card_of(source, progress or silent), work, {"verb": CARD.verb, "data": source.name})
+    return folder
 
 
 def data_verify(data: str | Path) -> list[Damage]:

@@ -110,7 +110,7 @@ def identity_of(draws: Draws) -> str:
     """
     from ...captures.sources import bare_scene, source_files
 
-    data = draws.data.model_dump(mode="json", exclude={"captures", "title", "licence"})
+    data = draws.data.model_dump(mode="json", exclude={"captures", "title", "licence", "description", "citation"})
     scenes: dict[str, Any] = {name: [bare_scene(one), source_files(one)] for name, one in draws.scenes.items()}
     for entry in data["scenes"]:
         entry.pop("scene")

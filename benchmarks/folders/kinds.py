@@ -10,7 +10,20 @@ from typing import Any
 
 from ...scenes.json_keys import read_json
 
-__all__ = ["BREAK", "DESIGN", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
+__all__ = [
+    "BREAK",
+    "CARD",
+    "DESIGN",
+    "ESTIMATE",
+    "FIDELITY",
+    "REPRODUCE",
+    "RUN",
+    "SCORE",
+    "SWEEP",
+    "Kind",
+    "slug",
+    "verb_in",
+]
 
 
 @dataclass(frozen=True)
@@ -139,6 +152,7 @@ BREAK = Kind(
     note="search.csv lists the candidates judged so far",
 )
 DESIGN = Kind("design", ("design.csv", "run.json", "design.png", "overrides.json", "set.txt"), _never, whole=True)
+CARD = Kind("data card", ("card.md", "card.html", "run.json", "pictures/*.svg", "pictures/*.png"), _never, whole=True)
 FIDELITY = Kind(
     "fidelity",
     ("fidelity.csv", "policies.csv", "fidelity.json", "fidelity.svg", "fidelity-scenes.json"),

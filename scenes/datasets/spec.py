@@ -119,7 +119,7 @@ class Dataset(Spec):
         redraws: how often an impossible scene (a camera inside a solid) is drawn again; 0: it is an error.
         truth_electrons, truth_components: as those of `generate`.
         per_shard: captures of a shard; by default about 64 MiB of them, but no more than two files a capture.
-        title, licence: for people.
+        title, description, licence, citation: for people, for the card and for exports; left out where nothing is stated.
     """
 
     example: ClassVar[str] = "docs/data-sets.md   (a complete example)"
@@ -129,6 +129,8 @@ class Dataset(Spec):
     version: Annotated[int, Field(ge=1)] = 1
     title: str = ""
     licence: str = ""
+    description: str = ""
+    citation: str = ""
     captures: Annotated[int, Field(ge=1, le=10**8)]
     repeats: Annotated[int, Field(ge=1, le=10**6)] = 1
     seed: Annotated[int, Field(ge=0)]
@@ -145,7 +147,8 @@ class Dataset(Spec):
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {k: v for k, v in handler(self).items() if k not in ("split", "per_shard") or v is not None}
+        held = {k: v for k, v in handler(self).items() if k not in ("split", "per_shard") or v is not None}
+        return {k: v for k, v in held.items() if k not in ("description", "citation") or v}
 
     @model_validator(mode="after")
     def _consistent(self) -> Dataset:
