@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .verbs.fidelity import fidelity
     from .verbs.gate import gate
     from .verbs.generate import generate
+    from .verbs.import_ import import_
     from .verbs.report import report
     from .verbs.reproduce import reproduce
     from .verbs.run import run
@@ -58,6 +59,7 @@ __all__ = [
     "fidelity",
     "gate",
     "generate",
+    "import_",
     "report",
     "reproduce",
     "run",
@@ -89,6 +91,7 @@ _HOME = {
     "fidelity": ".verbs.fidelity",
     "gate": ".verbs.gate",
     "generate": ".verbs.generate",
+    "import_": ".verbs.import_",
     "report": ".verbs.report",
     "reproduce": ".verbs.reproduce",
     "run": ".verbs.run",
