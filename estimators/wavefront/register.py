@@ -1,8 +1,8 @@
 """Lenslets from a recorded reference: where they lie, how wide their spots are, and what the camera's noise is.
 
 A recording states pitch, focal length and pixel, and not where the array lies on the chip. The reference shows it: each of its
-spots is a lenslet. Frames are freed of their background (the median about each pixel over two pitches, taken every fourth pixel) and
-of pixels that stand out of the eight around them, and get a common pedestal of a hundred times their noise.
+spots is a lenslet. Frames are freed of their background (the median about each pixel over two pitches, taken every fourth pixel)
+and of pixels that stand out of the eight around them, and get a common pedestal of a hundred times their noise.
 """
 
 from __future__ import annotations
