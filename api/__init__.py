@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .scenes.errors import InputError
     from .verbs.bound import bound
     from .verbs.break_ import break_
+    from .verbs.calibrate import calibrate
     from .verbs.compare import compare
     from .verbs.data import data_card, data_finalize, data_repair, data_status, data_verify
     from .verbs.design import design
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from .verbs.fidelity import fidelity
     from .verbs.gate import gate
     from .verbs.generate import generate
+    from .verbs.import_ import import_
     from .verbs.report import report
     from .verbs.reproduce import reproduce
     from .verbs.run import run
@@ -41,6 +43,7 @@ __all__ = [
     "__version__",
     "bound",
     "break_",
+    "calibrate",
     "compare",
     "data_card",
     "data_finalize",
@@ -58,6 +61,7 @@ __all__ = [
     "fidelity",
     "gate",
     "generate",
+    "import_",
     "report",
     "reproduce",
     "run",
@@ -76,6 +80,7 @@ _HOME = {
     "InputError": ".scenes.errors",
     "bound": ".verbs.bound",
     "break_": ".verbs.break_",
+    "calibrate": ".verbs.calibrate",
     "compare": ".verbs.compare",
     "data_card": ".verbs.data",
     "data_finalize": ".verbs.data",
@@ -93,6 +98,7 @@ _HOME = {
     "fidelity": ".verbs.fidelity",
     "gate": ".verbs.gate",
     "generate": ".verbs.generate",
+    "import_": ".verbs.import_",
     "report": ".verbs.report",
     "reproduce": ".verbs.reproduce",
     "run": ".verbs.run",

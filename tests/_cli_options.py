@@ -5,6 +5,8 @@ One kind has changed since: `generate --seeds` took text, of which the command m
 `estimators check`.
 `bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`, and `--array`,
 `--dask`, `--job`, `--slurm` and `--time-limit-s` of `generate`.
+`bound`, `gate`, `design`, `calibrate`, `import` and `generate --rig` are new, and so are
+`--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations
@@ -72,6 +74,13 @@ break: --seed <number> default 0
 break: --set <text...> default None
 break: --side <number> default 24
 break: NAME <text> required
+calibrate: --debug <flag> default False
+calibrate: --json <flag> default False
+calibrate: --out -o <text> default None
+calibrate: --overwrite <flag> default False
+calibrate: --procedures <text...> default None
+calibrate: --rig <text> default None
+calibrate: DATA <text...> required
 compare: --debug <flag> default False
 compare: --json <flag> default False
 compare: A <text> required
@@ -189,6 +198,7 @@ generate: --out -o <text> default None
 generate: --overwrite <flag> default False
 generate: --plan <flag> default False
 generate: --resume <flag> default False
+generate: --rig <text> default None
 generate: --rtol <number|{noise}> default None
 generate: --sealed <text> default None
 generate: --seeds <number...> default None
@@ -199,6 +209,14 @@ generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False
 generate: --workers <number> default None
 generate: SOURCE <text> default None
+import: --debug <flag> default False
+import: --json <flag> default False
+import: --map <text> default None
+import: --modality <text> default ''
+import: --out -o <text> default None
+import: --overwrite <flag> default False
+import: --scaffold <flag> default False
+import: FILES <text...> required
 report: --debug <flag> default False
 report: --json <flag> default False
 report: FOLDER <text> required

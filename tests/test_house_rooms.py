@@ -25,12 +25,13 @@ ORDER: dict[str, tuple[str, ...]] = {
         "reconstruction",
     ),
     "scenes": (
-        "readers", "rigs", "materials", "shapes", "spec_files", "meshes", "textures", "scene", "declared", "possible", "load",
+        "readers", "rigs", "materials", "shapes", "spec_files", "rig_files", "meshes", "textures", "scene", "declared", "possible",
+        "load",
         "datasets",
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents", "readers", "exports",
+        "example", "export", "contents", "readers", "exports", "imports",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",

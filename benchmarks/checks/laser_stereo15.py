@@ -25,6 +25,7 @@ from scipy.ndimage import median_filter
 
 from ...captures.build import make_capture
 from ...captures.hide import hide_truth
+from ...captures.imports.files import read_recording
 from ...estimators.laser_line.board import Board, SeenBoard, find_board
 from ...estimators.laser_line.board_pose import BoardPose, board_pose, corner_misses
 from ...estimators.registry import run_estimator
@@ -111,18 +112,16 @@ def on_plane(row: Float, col: Float, normal: Float, place: Float) -> Float:
 
 def read_image(path: Path) -> Float:
     """Red, green and blue (row, col, 3), 0 to 255. Raises InputError for a file that is missing or is no colour picture."""
-    import OpenImageIO as oiio
-
-    image = oiio.ImageBuf(str(path)) if path.is_file() else None
-    if image is None or image.has_error or image.spec().nchannels < 3:
+    image = read_recording(path).array("", str(path))
+    if image.ndim != 3 or image.shape[2] < 3 or image.dtype != np.uint8:
         raise InputError("The picture cannot be read.", where=str(path), allowed="an RGB picture, 8 bit")
-    return np.asarray(image.get_pixels(oiio.UINT8), np.float64)[..., :3]
+    return np.asarray(image, np.float64)[..., :3]
 
 
 def found_lines(
-    light: Float, width_px: int, returns: int, overrides: dict[str, Any] | None = None
+    light: Float, width_px: int, returns: int, overrides: dict[str, Any] | None = None, finder: str = "line-erf"
 ) -> tuple[Float, Float]:
-    """(rows, columns) of all lines that `line-erf` finds in an image of light, above the median of `width_px` columns."""
+    """(rows, columns) of all lines that `finder` finds in an image of light, above the median of `width_px` columns."""
     scene = load_scene("laser-stereo15", dict(overrides or {}))
     counts = np.maximum(light - median_filter(light, (1, width_px)) + _OFFSET_DN, 1.0).astype(np.float32)
     capture = make_capture(
@@ -130,7 +129,7 @@ def found_lines(
         {"time": [0.0], "laser_on": True, "valid": True, "pose": np.zeros((1, 6))}, {},
         {"rig": declared_rig(scene), "truth_kind": "none", "averaged": True},
     )  # fmt: skip
-    found = run_estimator(f"line-erf[returns={returns}]", hide_truth(capture))
+    found = run_estimator(f"{finder}[returns={returns}]", hide_truth(capture))
     valid = found["valid"].values[0]
     row = np.broadcast_to(np.arange(valid.shape[0], dtype=np.float64)[:, None], valid.shape)
     return row[valid], found["column"].values[0][valid]
@@ -164,14 +163,14 @@ def seen_lines(row: Float, col: Float, *, most_px: float = 5.0, least: int = 100
     return tuple(sorted(made, key=lambda line: float(line[1].mean() - slopes[best] * line[0].mean())))
 
 
-def wall_of(image: Float) -> Wall:
+def wall_of(image: Float, finder: str = "line-erf") -> Wall:
     """Board and lines of an image of the wall. The board lies on it; corners are read in red, lines in twice green less red."""
     seen = find_board(image[..., 0], BOARD)
     place = np.stack([_ROW0 + (seen.place[:, 0] - _ROW0) * _FX / _FY, seen.place[:, 1]], axis=1)
     seen = SeenBoard(place, seen.sigma)
     pose = board_pose(CAMERA, BOARD.points(), seen)
     miss = corner_misses(CAMERA, pose, BOARD.points(), seen) * seen.sigma.T.ravel()
-    row, col = found_lines(2.0 * image[..., 1] - image[..., 0], _WALL_PX, 40)
+    row, col = found_lines(2.0 * image[..., 1] - image[..., 0], _WALL_PX, 40, finder=finder)
     inside = col > seen.place[:, 1].max() + 50.0  # right of the board
     return Wall(pose, float(np.sqrt((miss**2).mean())), seen_lines(row[inside], col[inside]))
 

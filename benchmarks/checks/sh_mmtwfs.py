@@ -4,7 +4,7 @@
 
 FOLDER holds images, references and mmtwfs_2.1.0_results.json of the package mmtwfs (MMT Observatory, BSD-3-Clause, commit
 bff975a): four images on the sky with their references, square and hexagonal lenslets, and one image that its authors refuse.
-Reading FITS needs astropy (extra `peers`).
+Reading FITS needs astropy (extra `imports`).
 
 Lenslets lie where the reference shows spots. In the image the spots lie up to a pitch and a half elsewhere (defocus, and the
 pupil's place on the array), so that they are looked for in the whole frame (`search=field`). Slopes are compared where both found
@@ -26,16 +26,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.ndimage import map_coordinates, median_filter
 from scipy.spatial import cKDTree
 
-from ...captures.build import make_capture
 from ...captures.hide import hide_truth
-from ...captures.layouts.wavefront import LAYOUT
+from ...captures.imports.files import read_recording
+from ...captures.imports.mapping import load_mapping
 from ...estimators.registry import run_estimator
-from ...estimators.wavefront.field_search import spots_in
 from ...optics.zernike import orders_of, zernike_gradient
 from ...scenes.errors import InputError
+from ..datasets.imported import imported_captures
 
 __all__ = ["PAIRS", "Compared", "Sensor", "capture_of", "compared", "main", "zernikes_nm"]
 
@@ -55,12 +54,8 @@ BOGUS = "mmirs_bogus.fits"
 _RADIUS_M = 3.251
 RESULTS = "mmtwfs_2.1.0_results.json"
 CENTROIDS = ("spot-gaussian", "spot-weighted", "spot-threshold", "spot-centroid")
-#: Least height of a spot over the noise of the smoothed frame; share of lenslets with a spot below which an image is refused.
-_SIGMAS, _HALF = 8.0, 0.5
-#: Height of a hot pixel over those around it, in standard deviations.
-_HOT = 6.0
-#: Every so many pixels in both directions give the background.
-_COARSE = 4
+#: Share of lenslets with a spot below which an image is refused.
+_HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -91,84 +86,16 @@ class Sensor:
         )  # fmt: skip
 
 
-def read_fits(path: Path) -> tuple[Float, float]:
-    """The last image of a FITS file as numbers, and its ROT [degrees], 0 without one. Raises InputError where it cannot be read."""
-    try:
-        from astropy.io import fits
-    except ImportError as error:
-        raise InputError(
-            "Reading FITS needs astropy.", where=str(path), next_step='pip install "beambench[peers]"'
-        ) from error
-    try:
-        with fits.open(path, ignore_missing_simple=True) as file:
-            return np.asarray(file[-1].data, np.float64), float(file[-1].header.get("ROT", 0.0))
-    except (OSError, TypeError, ValueError) as error:
-        raise InputError(
-            "The image cannot be read.", where=str(path), value=str(error), allowed="a FITS image"
-        ) from error
+def capture_of(folder: Path, name: str, image: str = "") -> xr.Dataset:
+    """The capture of a sensor, by the mapping `sh_mmtwfs-<name>`; `image`: another frame than the mapping's.
 
-
-def capture_of(image: Float, reference: Float, sensor: Sensor) -> xr.Dataset:
-    """A recorded frame with its reference; lenslets lie at the reference's spots, and the gain is taken as 1 DN per electron.
-
-    Raises InputError for a reference without spots.
+    Raises InputError for files that cannot be read, a reference without spots, and a frame with too few.
     """
-    pitch = sensor.pitch_m / sensor.pixel_m
-    image, noise = _cleaned(image, pitch)
-    reference, flat_noise = _cleaned(reference, pitch)
-    # Frame and reference share one offset.
-    image, reference = image + 100.0 * noise, reference * noise / flat_noise + 100.0 * noise
-    place = spots_in(reference, pitch, 1.5, _SIGMAS)
-    if len(place) < 4:
-        raise InputError(
-            "The reference shows no lattice of spots.", where="reference", value=len(place), allowed="4 spots or more"
-        )
-    width, shape = _spot_px(reference - 100.0 * noise, place), image.shape
-    u = np.arange(-int(16 * pitch), int(16 * pitch) + 1) / 16.0
-    rig = {
-        "schema": 1, "kind": LAYOUT.name, "t0_s": 0.0, "laser": {"wavelength_m": sensor.wavelength_m},
-        "lenslets": {
-            "pitch_m": sensor.pitch_m, "focal_length_m": sensor.focal_m, "rotation_rad": 0.0,
-            "row": list(range(len(place))), "col": list(range(len(place))), "row_px": place[:, 1].tolist(),
-            "col_px": place[:, 0].tolist(), "x_m": ((place[:, 0] - place[:, 0].mean()) * sensor.pixel_m).tolist(),
-            "y_m": ((place[:, 1] - place[:, 1].mean()) * sensor.pixel_m).tolist(),
-        },
-        "pupil": {"shape": "disc", "diameter_m": sensor.pupil_px * sensor.pixel_m, "samples": 4,
-                  "step_m": sensor.pupil_px * sensor.pixel_m / 4, "modes": 21},
-        "camera": {"rows": shape[0], "cols": shape[1], "pixel_pitch_m": sensor.pixel_m},
-        "spot": {"start_px": float(u[0]), "step_px": 1.0 / 16.0, "value": np.exp(-0.5 * (u / width) ** 2).tolist()},
-        "detector": {"gain_dn_per_e": 1.0, "offset_dn": 100.0 * noise, "read_noise_e": noise, "full_well_e": 1e9,
-                     "adc_bits": 31, "dark_current_e_per_s": 0.0, "exposure_s": 1.0, "prnu": 0.0, "dsnu_e": 0.0,
-                     "intensifier": None},
-        "reference": {"exposures": 1},
-    }  # fmt: skip
-    return make_capture(
-        LAYOUT.name,
-        data={"counts": image[None].astype(np.float32), "reference": reference.astype(np.float32)},
-        coords={"delay": np.zeros(1), "time": np.zeros(1), "valid": True},
-        truth={},
-        attrs={"rig": rig, "truth_kind": "none", "averaged": True},
-    )
-
-
-def _cleaned(image: Float, pitch: float) -> tuple[Float, float]:
-    """The image without its background, the median about each pixel over two pitches, and without pixels that stand out of the
-    eight around them (particles, hot pixels); and its noise, 1.4826 times the median absolute deviation."""
-    coarse = median_filter(image[::_COARSE, ::_COARSE], 2 * int(pitch / _COARSE) + 1)
-    row, col = (np.arange(n, dtype=float) / _COARSE for n in image.shape)
-    image = image - map_coordinates(coarse, np.meshgrid(row, col, indexing="ij"), order=1, mode="nearest")
-    noise = max(1.4826 * float(np.median(np.abs(image - np.median(image)))), 1e-9)
-    around = median_filter(image, 3)
-    return np.where(image - around > _HOT * noise + 2.0 * np.maximum(around, 0.0), around, image), noise
-
-
-def _spot_px(light: Float, place: Float) -> float:
-    """σ [px] of the reference's spots: that of the Gaussian through the middle pixel and its neighbours of the mean spot."""
-    at = place.astype(int)
-    inside = ((at > 3) & (at < np.array(light.shape[::-1]) - 4)).all(axis=1)
-    mean = np.mean([light[y - 1 : y + 2, x - 1 : x + 2] for x, y in at[inside]], axis=0)
-    beside = np.clip((mean[1, 0] + mean[1, 2] + mean[0, 1] + mean[2, 1]) / 4.0 / mean[1, 1], 1e-3, 0.97)
-    return float(np.sqrt(-0.5 / np.log(beside)))
+    mapping = load_mapping(f"sh_mmtwfs-{name}")
+    if image:
+        counts = mapping.data["counts"].model_copy(update={"files": (image,)})
+        mapping = mapping.model_copy(update={"data": {**mapping.data, "counts": counts}})
+    return next(imported_captures(mapping, [folder], name))
 
 
 @dataclass(frozen=True)
@@ -193,9 +120,9 @@ def compared(folder: Path, name: str, centroid: str, *, image: str = "") -> Comp
     """
     stated = json.loads((folder / RESULTS).read_text(encoding="utf-8"))[name]
     sensor = Sensor.of(stated)
-    own, flat, cut = PAIRS[name]
-    frame, rot = read_fits(folder / (image or own))
-    capture = capture_of(frame, read_fits(folder / flat)[0], sensor)
+    own, _, cut = PAIRS[name]
+    capture = capture_of(folder, name, image)
+    rot = float(read_recording(folder / (image or own)).header.get("ROT", 0.0))
     found = run_estimator(f"{centroid}[search=field]", hide_truth(capture))
     valid = found["valid"].values[0]
     _refuse_few(int(valid.sum()), sensor)
