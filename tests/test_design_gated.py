@@ -224,8 +224,8 @@ def test_an_unknown_model_of_who_reads_is_refused(tmp_path: Path) -> None:
 
 
 def test_derivatives_by_range_in_scattering_water_are_those_of_generated_stacks() -> None:
-    """A wall in harbour water, nearer and farther by 4 mm: what its stacks differ by is the bank's derivative, up to the own light's
-    change with distance, a multiple of R. As if the halo were as sharp as R, it would be 7 to 13 % too large."""
+    """A wall in harbour water, nearer and farther by 4 mm: what its stacks differ by is the bank's derivative, up to the own
+    light's change with distance, a multiple of R. As if the halo were as sharp as R, it would be 7 to 13 % too large."""
     if importlib.util.find_spec("mitsuba") is None:
         pytest.skip("Mitsuba is not installed")
     from beambench.benchmarks.design.gated_light import bank_of
