@@ -3,9 +3,8 @@
 An element i with amplitude and background unknown has σ_i² = 1/(F₀₀ − F₀₁ F₁₁⁻¹ F₁₀), F = Σ_k G_ik the sum over slices of the
 Fisher information G_ij = J(μ_ij) a_ij a_ijᵀ at the place j of slice k. Minimised is Σ_i w_i σ_i² (A-optimality on the range).
 
-With nine sums, the last three G_i = Σ_k J a_i μ of the mean μ, the reader's model a is not that of the light: its range errs by
-β = (F⁻¹ G)₀ at the true range, and σ² + β² takes the place of σ². The light that the fit finds, over that of the gradients, divides
-σ and β.
+With nine sums, the last three G_i = Σ_k J a_i (μ − m) of the mean μ, the reader's model m is not that of the light: its range errs
+by β = (F⁻¹ G)₀, and σ² + β² takes the place of σ².
 
 Source: V. V. Fedorov, Theory of Optimal Experiments, 1972, ch. 3 (exchange); R. K. Meyer and C. J. Nachtsheim, Technometrics 37:60,
 1995 (coordinate by coordinate).
@@ -43,17 +42,15 @@ def profiled_variance(f: Float) -> Float:
 
 
 def bias_square(f: Float) -> tuple[Float, Float]:
-    """(σ², β²) (…) of the first parameter from nine sums; both infinite where it cannot be told, or no light is seen."""
+    """(σ², β²) (…) of the first parameter from nine sums; both infinite where it cannot be told."""
     f01, f02, f11, f12, f22, g0, g1, g2 = f[1:]
     safe = np.where(f22 > 0, f22, np.inf)
     cross, own = f01 - f02 * f12 / safe, f11 - f12 * f12 / safe
     h0, h1 = g0 - f02 * g2 / safe, g1 - f12 * g2 / safe
-    seen = (own > _TINY * f11) & (h1 > 0)
-    light = np.where(seen, h1 / np.where(seen, own, 1.0), 1.0)
     variance = profiled_variance(f[:6])
-    told = seen & np.isfinite(variance)
-    beta = np.where(told, (h0 - cross * light) * np.where(told, variance, 0.0), np.inf)
-    return np.where(told, variance, np.inf) / light**2, (beta / light) ** 2
+    told = (own > _TINY * f11) & np.isfinite(variance)
+    rest = h0 - cross * h1 / np.where(told, own, 1.0)
+    return np.where(told, variance, np.inf), np.where(told, rest * np.where(told, variance, 0.0), np.inf) ** 2
 
 
 def expected_square(f: Float) -> Float:

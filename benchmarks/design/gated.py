@@ -33,6 +33,7 @@ from ...scenes.scene import Scene
 from .exchange import bias_square, exchanged, profiled_variance
 from .gated_light import PER_WIDTH, REACH, Bank, bank_of
 from .kind import Ask, Curve, Designs, Knob, Option, Steps
+from .pseudo_true import Fitted
 
 __all__ = ["DESIGNS"]
 
@@ -45,6 +46,8 @@ _SPREAD = (0.0, 0.02, 0.1, 0.5)
 _SLICES = (4, 6, 8, 12, 16, 24, 32)
 #: Ranges over the window.
 _WINDOW = 41
+#: Delays of the first fit, and how often delays are exchanged again about the fit to those found.
+_DENSE, _AGAIN = 24, 3
 
 
 def _knobs(scene: Scene) -> Sequence[Knob]:
@@ -74,10 +77,8 @@ class _Posed:
 
     def parts(self, delay_s: Float, pulses: float) -> Float:
         """As `Bank.parts`, of the pixels (3i, j)."""
-        shifts = (0.0,) if self.margin_m == 0 else (-self.margin_m, 0.0, self.margin_m)
-        return np.concatenate(
-            [self._parts(self.bank, delay_s, pulses, one * self.bank.slope) for one in shifts], axis=1
-        )
+        each = [self._parts(self.bank, delay_s, pulses, one * self.bank.slope) for one in self._shifts()]
+        return np.concatenate(each, axis=1)
 
     def over_window(self, delay_s: Float, pulses: float) -> Float:
         """As `Bank.parts`, of ranges that lie evenly over the window, of the median light."""
@@ -89,7 +90,7 @@ class _Posed:
             bank, time_s=theta, slope=every * np.median(bank.slope), own=every * np.median(bank.own),
             halo=every * np.median(bank.halo), still=every[:, None] * bank.still[middle],
             moving=None if bank.moving is None else every[:, None] * bank.moving[middle],
-            late_s=theta - bank.time_s[middle],
+            late_s=theta - bank.time_s[middle], misread=_same(bank.misread, middle, theta.size),
         )  # fmt: skip
         return self._parts(window, delay_s, pulses, every * 0.0)
 
@@ -98,13 +99,34 @@ class _Posed:
         exact = self.exact or bank.moving is None
         return bank.parts(delay_s, pulses, shift_s[:, None], exact=exact)
 
+    @property
+    def misread(self) -> bool:
+        """Whether who reads lacks some of the light."""
+        return not self.exact and self.bank.moving is not None
 
-def _errors(sums: Float) -> tuple[float, float]:
-    """(rms bound, rms bias) over the elements, m."""
-    if len(sums) == 6:
-        return float(np.sqrt(profiled_variance(sums).mean())), 0.0
-    variance, bias = bias_square(sums)
-    return float(np.sqrt(variance.mean())), float(np.sqrt(bias.mean()))
+    def about(self, delay_s: Float, pulses: float) -> _Posed:
+        """The same, for designs near these delays."""
+        return replace(self, bank=self.bank.reading(delay_s, pulses)) if self.misread else self
+
+    def errors(self, delay_s: Float, pulses: float) -> tuple[float, float]:
+        """(rms bound, rms bias) over the pixels, m; a bias is infinite where no fit settles."""
+        sums = self.about(delay_s, pulses).parts(delay_s, pulses).sum(axis=2)
+        bound = float(np.sqrt(profiled_variance(sums[:6]).mean()))
+        if not self.misread:
+            return bound, 0.0
+        found = [self.bank.read(delay_s, pulses, (one * self.bank.slope)[:, None]) for one in self._shifts()]
+        wrong = [np.where(each.settled, each.shift_s / self.bank.slope, np.inf) for each in found]
+        return bound, float(np.sqrt(np.square(wrong).mean()))
+
+    def _shifts(self) -> tuple[float, ...]:
+        return (0.0,) if self.margin_m == 0 else (-self.margin_m, 0.0, self.margin_m)
+
+
+def _same(fit: Fitted | None, of: int, count: int) -> Fitted | None:
+    """The fit of one element for so many."""
+    if fit is None:
+        return None
+    return Fitted(*(np.full(count, one[of]) for one in (fit.shift_s, fit.light, fit.level, fit.settled)))
 
 
 def _options(scene: Scene, ask: Ask) -> tuple[list[Option], Curve]:
@@ -173,9 +195,13 @@ def _own(
     guard = []
     for gate in gates:
         posed = banks[_key(gate)]
-        total = total + posed.parts(delay, pulses).sum(axis=2)
+        total = total + posed.about(delay, pulses).parts(delay, pulses).sum(axis=2)
         guard.append(posed.bank.distance(delay, pulses, posed.margin_m))
-    bound, bias = _errors(total)
+    bound, bias = float(np.sqrt(profiled_variance(total[:6]).mean())), 0.0
+    if len(gates) == 1:
+        bound, bias = banks[_key(gates[0])].errors(delay, pulses)
+    elif len(total) == 9:  # one fit to several responses: to first order
+        bias = float(np.sqrt(bias_square(total)[1].mean()))
     settings = {"slices": float(every * len(gates)), "pulses": pulses}
     return Option("the scene's own", settings, {}, bound, max(guard), bias=bias)
 
@@ -184,7 +210,20 @@ def _chosen(posed: _Posed, count: int, total: float) -> Float:
     """Delays of least mean square bound that are not ambiguous, or the last that was tried [s]."""
     pulses = max(math.floor(total / count), 1)
     grid = np.arange(posed.bank.grid_s[0], posed.bank.grid_s[-1], posed.bank.width_s / PER_WIDTH)
-    pixels, window = posed.parts(grid, pulses), posed.over_window(grid, pulses)
+    known = posed.about(np.linspace(grid[0], grid[-1], max(count, _DENSE)), pulses)
+    found = _exchanged(known, posed, grid, count, pulses)
+    for _ in range(_AGAIN if posed.misread else 0):  # what is misread depends on the design
+        other = _exchanged(posed.about(grid[found], pulses), posed, grid, count, pulses)
+        if math.hypot(*posed.errors(grid[other], pulses)) >= math.hypot(*posed.errors(grid[found], pulses)):
+            break
+        found = other
+    rounded: Float = np.round(grid[found], 12).astype(np.float64)
+    return rounded
+
+
+def _exchanged(known: _Posed, posed: _Posed, grid: Float, count: int, pulses: int) -> npt.NDArray[np.int64]:
+    """Places on the grid, by what is known about designs near one."""
+    pixels, window = known.parts(grid, pulses), known.over_window(grid, pulses)
     parts = np.concatenate([pixels, window], axis=1)
     start = np.linspace(0, grid.size - 1, count + 2)[1:-1].astype(np.int64)
     at = start
@@ -193,8 +232,7 @@ def _chosen(posed: _Posed, count: int, total: float) -> Float:
         at = min((exchanged(parts, np.concatenate(share), one) for one in (start, at)), key=lambda pair: pair[1])[0]
         if posed.bank.distance(grid[at], pulses, posed.margin_m) >= _LEAST:
             break
-    rounded: Float = np.round(grid[at], 12).astype(np.float64)
-    return rounded
+    return at
 
 
 def _option(scene: Scene, posed: _Posed, kind: str, delay: Float, total: float, gate: Mapping[str, Any]) -> Option:
@@ -216,7 +254,7 @@ def _option(scene: Scene, posed: _Posed, kind: str, delay: Float, total: float, 
         load_scene(scene, overrides)
     except InputError as error:
         why = error.what
-    bound, bias = _errors(posed.parts(delay, pulses).sum(axis=2))
+    bound, bias = posed.errors(delay, pulses)
     return Option(name, settings, overrides, bound, guard, why, bias)
 
 

@@ -9,12 +9,11 @@ Two models of who reads the stack. `exact` knows X up to its brightness: gradien
     a = (α R' dτ/dr + dX/dr, α R, X + d).
 
 `direct` takes all light for A R + b, as estimators here do, with A and b free. Where X is of another shape its range is wrong by
+β, which `pseudo_true` finds; while delays are exchanged it is, to first order about such a fit x, A, b,
 
-    β = (J⁻¹ Σ_k J_k a_k (μ_k − A R_k − b))₀,        J_k the Fisher information of a sample about its mean μ_k,
+    β = x + (F⁻¹ Σ_k J_k a_k (μ_k − m_k))₀,        m = A R + b,    a = (A R' dτ/dr, A R, b),    J_k at m_k.
 
-to first order, at the true range. Its error is √(σ² + β²) with σ of the gradients (A R' dτ/dr, R, 1).
-
-Source: H. White, Econometrica 50:1, 1982 (maximum likelihood of a model that is not true).
+Its error is √(σ² + β²) with σ of the gradients a.
 """
 
 from __future__ import annotations
@@ -39,6 +38,7 @@ from ...scenes.scene import Scene
 from ..bounds.gated_instrument import gate_offsets, gated_responses, halo_of, noise_model, path_delay
 from ..bounds.instrument import response_std_s
 from .kind import Ask
+from .pseudo_true import Fitted, pseudo_true
 
 __all__ = ["PER_WIDTH", "REACH", "Bank", "bank_of"]
 
@@ -63,7 +63,8 @@ class Bank:
     time_s, slope: of the echo, and its derivative by the range. own, halo: photoelectrons at an open gate and the scene's pulses.
     grid_s (j): places of a delay. still (i, j): all but the own light for the scene's pulses, by delay; dark: of the sensor.
     table: R. pulses: the scene's. moving (i, j): derivative of `still` by the range, per metre; None: it does not move. late_s (i):
-    how much later than where it was generated an element's `still` is; None: not at all.
+    how much later than where it was generated an element's `still` is; None: not at all. misread: what a fit of direct light
+    finds, for the scene's pulses.
     """
 
     time_s: Float
@@ -78,6 +79,7 @@ class Bank:
     pulses: int
     moving: Float | None = None
     late_s: Float | None = None
+    misread: Fitted | None = None
 
     @property
     def width_s(self) -> float:
@@ -91,26 +93,57 @@ class Bank:
         of `exchange.expected_square`, of an estimator that takes all light for direct.
         """
         much = pulses / self.pulses
-        u = self.time_s[:, None] + shift_s - delay_s
-        r = np.maximum(correlation.lookup(self.table, u), 0.0)
-        step = 0.02 * self.width_s
-        rise = (correlation.lookup(self.table, u + step) - correlation.lookup(self.table, u - step)) / (2.0 * step)
+        if not exact:
+            return self._misread(delay_s, pulses, shift_s)
+        r, rise = self._response(delay_s, shift_s)
         own = much * self.own[:, None]
         still = much * self._at(self.still, delay_s, shift_s) + self.dark
-        mean = np.maximum(own * r + still, 1e-9)
-        j = np.asarray(self.information(mean))
-        # All light at an open gate: what an estimator would take for the pixel's own.
-        whole = own if exact else much * (self.own + self.halo)[:, None]
-        by_range, by_light = whole * self.slope[:, None] * rise, whole * r
-        level = still if exact else np.full_like(mean, max(float(np.median(still)), 1e-9))
-        if exact and self.moving is not None:
+        j = np.asarray(self.information(np.maximum(own * r + still, 1e-9)))
+        by_range, by_light = own * self.slope[:, None] * rise, own * r
+        if self.moving is not None:
             by_range = by_range + much * self._at(self.moving, delay_s, shift_s)
-        products = [
-            by_range**2, by_range * by_light, by_range * level, by_light**2, by_light * level, level**2,
-        ]  # fmt: skip
-        if not exact:
-            products += [by_range * mean, by_light * mean, level * mean]
-        return j * np.stack(products)
+        return j * np.stack(_products(by_range, by_light, still))
+
+    def _misread(self, delay_s: Float, pulses: float, shift_s: Float | float) -> Float:
+        """The nine sums of a fit of direct light, to first order about `misread`, whose bias is in the last three."""
+        much, fit = pulses / self.pulses, self.misread
+        if fit is None:
+            raise ValueError("what is misread is known after `reading`")
+        r, rise = self._response(delay_s, shift_s + fit.shift_s[:, None])
+        level = (much * fit.level)[:, None] + self.dark
+        light = much * fit.light[:, None]
+        model = np.maximum(light * r + level, 1e-9)
+        left = self.mean(delay_s, pulses, shift_s) - model
+        by_range, by_light = light * self.slope[:, None] * rise, light * r
+        products = _products(by_range, by_light, np.broadcast_to(level, r.shape))
+        off = (fit.shift_s / self.slope)[:, None]
+        pulls = [one * left + products[k] * off for k, one in enumerate((by_range, by_light, level))]
+        return np.asarray(self.information(model)) * np.stack([*products, *pulls])
+
+    def _response(self, delay_s: Float, shift_s: Float | float) -> tuple[Float, Float]:
+        """R (i, j) of light that comes `shift_s` later, and its derivative by time."""
+        u = self.time_s[:, None] + shift_s - delay_s
+        step = 0.02 * self.width_s
+        rise = (correlation.lookup(self.table, u + step) - correlation.lookup(self.table, u - step)) / (2.0 * step)
+        return np.maximum(correlation.lookup(self.table, u), 0.0), rise
+
+    def mean(self, delay_s: Float, pulses: float, shift_s: Float | float = 0.0) -> Float:
+        """Photoelectrons (i, j) of a slice at each delay."""
+        still, r = self._at(self.still, delay_s, shift_s), self._response(delay_s, shift_s)[0]
+        return np.maximum(pulses / self.pulses * (self.own[:, None] * r + still) + self.dark, 1e-9)
+
+    def read(self, delay_s: Float, pulses: float, shift_s: Float | float = 0.0) -> Fitted:
+        """What a fit of direct light finds in a stack at these delays."""
+        time = self.time_s + np.ravel(shift_s)
+        mean = self.mean(delay_s, pulses, shift_s)
+        return pseudo_true(mean, time, delay_s, self.table, self.width_s, self.information)
+
+    def reading(self, delay_s: Float, pulses: float) -> Bank:
+        """The same light, with what is misread in it as at these delays."""
+        found, much = self.read(delay_s, pulses), pulses / self.pulses
+        shift = np.where(found.settled, found.shift_s, 0.0)
+        level = np.maximum(found.level - self.dark, 0.0) / much
+        return replace(self, misread=Fitted(shift, found.light / much, level, found.settled))
 
     def still_at(self, delay_s: Float) -> Float:
         """`still` at any delays (i, k), linear between places."""
@@ -148,6 +181,12 @@ class Bank:
         b = (s_m1 - a * s_r1) / s_11
         left = s_mm - 2.0 * (a * s_mr + b * s_m1) + a**2 * s_rr + 2.0 * a * b * s_r1 + b**2 * s_11
         return float(np.sqrt(np.maximum(left, 0.0))[apart].min())
+
+
+def _products(by_range: Float, by_light: Float, level: Float) -> list[Float]:
+    return [
+        by_range**2, by_range * by_light, by_range * level, by_light**2, by_light * level, level**2,
+    ]  # fmt: skip
 
 
 def bank_of(scene: Scene, ask: Ask, gate: Mapping[str, Any]) -> Bank:

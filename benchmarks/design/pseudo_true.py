@@ -10,13 +10,15 @@ maximum likelihood tends (H. White, Econometrica 50:1, 1982). x is the bias, as 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from ...optics.correlation import response as correlation
 from ...optics.likelihood.fisher_table import InformationTable
 
-__all__ = ["pseudo_true_shift"]
+__all__ = ["Fitted", "pseudo_true"]
 
 Float = npt.NDArray[np.float64]
 
@@ -24,10 +26,20 @@ Float = npt.NDArray[np.float64]
 _ROUNDS, _LONGEST = 60, 0.25
 
 
-def pseudo_true_shift(
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """x [s], A [photoelectrons at an open gate] and b [photoelectrons of a slice] of elements (i); `settled`: it is found."""
+
+    shift_s: Float
+    light: Float
+    level: Float
+    settled: npt.NDArray[np.bool_]
+
+
+def pseudo_true(
     mean: Float, time_s: Float, delay_s: Float, table: correlation.Table, width_s: float, information: InformationTable
-) -> Float:
-    """x (i) [s] of elements with the true means (i, k), at delays (k); NaN where the fit does not settle.
+) -> Fitted:
+    """The fit of elements with the true means (i, k) at delays (k).
 
     Main arguments:
         mean: photoelectrons. time_s (i): of the true echo. table, width_s: R, and its standard deviation.
@@ -54,4 +66,4 @@ def pseudo_true_shift(
         shift = shift + change
         light = np.maximum(light + found[:, 1], 0.2 * light)
         level = np.maximum(level + found[:, 2], 1e-3)
-    return np.where(np.abs(change) < 1e-3 * width_s, shift, np.nan)
+    return Fitted(shift, light, level, np.abs(change) < 1e-3 * width_s)
