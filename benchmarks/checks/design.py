@@ -127,18 +127,17 @@ def _width(scene: Scene) -> float:
 
 def compared(
     name: str, *, seeds: Sequence[int], budget: float = 1.0, widths: Sequence[float] = (1.0, 2.0), slices: str = "6,8",
-    fidelity: Any = None, model: str | None = None, overrides: Mapping[str, Any] | None = None,
+    fidelity: Any = None, model: str | None = None, overrides: Mapping[str, Any] | None = None, allow: Sequence[str] = (),
 ) -> Compared:  # fmt: skip
     """The comparison for one scene of the library, by name.
 
     Other arguments:
         widths, slices: of gates to choose from, as multiples of the scene's own, and their numbers; of stacks of gated images.
         fidelity: rung of the light that is designed for and read; the cheapest by default. model: as `designed` takes it.
-        overrides: of the scene.
+        overrides: of the scene. allow: settings to choose from, where there is no stack.
     """
     scene = load_scene(name, overrides)
     quantity, stack = designs_of(scene).quantity, hasattr(scene.rig, "gates") and hasattr(scene.rig, "pulses_per_slice")
-    allow: tuple[str, ...] = ()
     held: dict[str, Any] = {}
     if stack:
         width = _width(scene)
