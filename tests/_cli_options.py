@@ -109,6 +109,7 @@ data verify: DATA <text> required
 design: --allow <text...> default None
 design: --budget <number> default 1.0
 design: --debug <flag> default False
+design: --estimator-model <{direct,exact}> default None
 design: --fidelity <{direct,scatter,full,geometric,isolated,coherent}> default None
 design: --json <flag> default False
 design: --margin-m <number> default None

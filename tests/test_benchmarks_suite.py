@@ -14,6 +14,7 @@ from beambench.benchmarks.folders.kinds import RUN
 from beambench.benchmarks.folders.workplace import output_folder, workplace
 from beambench.benchmarks.runner.estimator_labels import check_estimators
 from beambench.benchmarks.suites.suite import SUITES, capture_key, cells_of, list_suites, load_suite
+from beambench.estimators import get_estimator, parse_label
 from beambench.scenes.errors import InputError
 
 
@@ -44,6 +45,16 @@ def test_the_quickstart_is_as_large_as_promised() -> None:
         assert scene.rig.camera.rows >= 256
         assert scene.rig.camera.cols >= 256
         assert scene.rig.delays.count * len(scene.rig.gates) >= 64
+
+
+def test_nobody_is_skipped_in_the_quickstart() -> None:
+    loaded = load_suite("quickstart")
+    for name, scene in loaded.scenes:
+        readers = [label for label in loaded.suite.estimators if loaded.reads(label, name)]
+        assert len(readers) >= 2
+        assert {get_estimator(parse_label(label)[0]).modality for label in readers} == {scene.modality}
+    everywhere = {label for name, _ in loaded.scenes for label in loaded.suite.estimators if loaded.reads(label, name)}
+    assert everywhere == set(loaded.suite.estimators)
 
 
 def test_cells_are_scenes_by_levels_by_seeds() -> None:

@@ -23,23 +23,28 @@ def _json(made: Design, given: Arguments) -> dict[str, Any]:
 def _text(made: Design, given: Arguments) -> None:
     found = made.found
     names = [knob.name for knob in found.knobs]
+    biased = any(one.bias for one in found.options)
+    errors = [f"rms bound of {found.quantity} [{found.unit}]", *([f"bias [{found.unit}]"] if biased else [])]
     print_table(
-        ("", "design", *names, f"rms bound of {found.quantity} [{found.unit}]", "gain", "guard", "why not"),
+        ("", "design", *names, *errors, "gain", "guard", "why not"),
         [
             (
                 "*" if one is found.best else "", one.name, *(_number(one.settings.get(name, math.nan)) for name in names),
-                _number(found.factor * one.bound), f"{found.own.bound / one.bound:.2f}", _number(one.guard), one.why,
+                _number(found.factor * one.bound), *([_number(found.factor * one.bias)] if biased else []),
+                f"{found.own.error / one.error:.2f}", _number(one.guard), one.why,
             )
             for one in found.options
         ],
-        right=(*names, f"rms bound of {found.quantity} [{found.unit}]", "gain", "guard"),
+        right=(*names, *errors, "gain", "guard"),
     )  # fmt: skip
     print_lines("", f"guard    {found.guard}")
+    if biased:
+        print_lines("bias     of an estimator that takes all light for direct, as those here do; the gain counts it")
     if found.best is found.own:
         print_lines("design   none is better than the scene's own", f"files    {made.out}")
         return
     print_lines(
-        f"design   {found.best.name}: {found.gain:.2f} times below the bound of the scene's own",
+        f"design   {found.best.name}: {found.gain:.2f} times below the {'error' if biased else 'bound'} of the scene's own",
         f"files    {made.out}",
         f"next     sh {made.out}/set.txt",
     )

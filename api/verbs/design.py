@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from ..benchmarks.design.result import Designed
+    from ..benchmarks.folders.progress import Progress
     from ..scenes.scene import Scene
 
 __all__ = ["Design", "design"]
@@ -30,12 +31,14 @@ def design(
     margin_m: float | None = None,
     allow: Sequence[str] | None = None,
     fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent"] | None = None,
+    estimator_model: Literal["direct", "exact"] | None = None,
     seed: int = 1,
     out: str | Path | None = None,
     overwrite: bool = False,
+    progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> Design:
-    """Choose the settings of a scene's rig whose bound of the standard error is least for its light.
+    """Choose the settings of a scene's rig whose error, by the bound and by bias, is least for its light.
 
     A stack of gated images: number and places of the delays and the width of the gate, for equally many pulses in all. A laser
     line: its distance from the camera and the angle of the sheet. A wavefront sensor: pitch and focal length of the lenslets. The
@@ -53,10 +56,13 @@ def design(
             focal-length [m].
         fidelity: Rung that gives the light of the scene, the cheapest by default: with "scatter" and "full" what water and
             other surfaces add is in the bound.
+        estimator_model: What the estimator knows of light that is not direct: "direct", the default for gated images, takes it for
+            direct light, as all estimators here do, and its bias counts; "exact" knows it, and reaches the bound.
         seed: Random seed of the captures that give the light, and of the choice of elements.
         out: Folder of design.csv, run.json, design.png, overrides.json and set.txt; ./beambench-runs/design-<scene>-<time> by
             default.
         overwrite: Replace an earlier design in `out`.
+        progress: Receives every step.
         command: What was typed, for run.json.
 
     Returns:
@@ -67,15 +73,20 @@ def design(
     """
     from ..benchmarks.design.run import designed, write_design
     from ..benchmarks.folders.kinds import DESIGN, slug
+    from ..benchmarks.folders.progress import silent
     from ..benchmarks.folders.workplace import output_folder, workplace
     from ..scenes.load import load_scene
 
     loaded = load_scene(scene, overrides)
     folder = output_folder(out, f"design-{slug(loaded.name)}", resume=False, overwrite=overwrite)
-    found = designed(loaded, budget=budget, margin_m=margin_m, allow=tuple(allow or ()), fidelity=fidelity, seed=seed)
+    found = designed(
+        loaded, budget=budget, margin_m=margin_m, allow=tuple(allow or ()), fidelity=fidelity, seed=seed, model=estimator_model,
+        progress=progress or silent,
+    )  # fmt: skip
     record = {
         "verb": DESIGN.verb, "command": list(command), "overrides": dict(overrides or {}), "budget": budget,
         "margin_m": margin_m, "allow": list(allow or ()), "fidelity": fidelity, "seed": seed,
+        "estimator_model": found.model,
     }  # fmt: skip
     source = str(scene) if isinstance(scene, str | Path) else loaded.name
     with workplace(folder, DESIGN, overwrite=overwrite) as work:

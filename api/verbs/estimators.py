@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..output import check_free, claim
 
 if TYPE_CHECKING:
+    from ..benchmarks.folders.progress import Progress
     from ..benchmarks.laws.check import Check
 
 __all__ = ["estimators_check", "estimators_list", "estimators_new", "estimators_train"]
@@ -30,8 +31,9 @@ def estimators_list() -> list[dict[str, Any]]:
 
 
 def estimators_check(
-    estimator: str, *, compare: bool = True, chart: str | Path | None = None, overwrite: bool = False
-) -> Check:
+    estimator: str, *, compare: bool = True, chart: str | Path | None = None, overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Check:  # fmt: skip
     """Check an estimator against the laws that every estimator obeys, and compare it with the built-in ones of its stage.
 
     The laws, on a small synthetic capture: it answers, repeats itself, does not change its input, follows a shift of the delays and
@@ -47,6 +49,7 @@ def estimators_check(
         compare: Whether to compare it with the built-in estimators, which takes about half a minute.
         chart: File of a chart of speed against accuracy, a picture (.png) or a page (.html).
         overwrite: Replace an existing chart.
+        progress: Receives every law and every answer.
 
     Returns:
         `laws`: one result per law, with `law`, `holds`, `seen`. `place`: the comparison, with `standings`, `breakdowns`, `bound`
@@ -55,7 +58,8 @@ def estimators_check(
     Raises:
         InputError: No such estimator or parameter, there are no laws for its stage, or a chart that cannot be written.
     """
-    from ..benchmarks.laws.check import Check, laws_of, laws_record
+    from ..benchmarks.folders.progress import silent
+    from ..benchmarks.laws.check import Check, laws_record, own_laws
     from ..benchmarks.laws.trial import try_laws
     from ..benchmarks.runner.confined import plugin_row
     from ..benchmarks.runner.estimator_labels import check_estimators
@@ -65,14 +69,15 @@ def estimators_check(
 
     picture = None if chart is None else _chart_path(chart, compare=compare, overwrite=overwrite)
     name, _ = parse_label(estimator)
-    laws = laws_of(estimator)[1](None) if is_built_in(name) else try_laws(estimator)
+    told = progress or silent
+    laws = own_laws(estimator, told) if is_built_in(name) else try_laws(estimator, progress=told)
     if not compare:
         return Check(laws, None)
     from ..benchmarks.laws.place import placed
 
     (chosen,) = check_estimators([estimator])
     own = described(name, plugin_row)
-    place = placed(chosen.label, own, laws_record(own.stage))
+    place = placed(chosen.label, own, laws_record(own.stage), told)
     if picture is not None and not place.why:
         from ..benchmarks.report.place_chart import save_place
 

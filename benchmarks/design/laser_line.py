@@ -20,7 +20,7 @@ from ...scenes.rigs.laser_line import laser_line_rig
 from ...scenes.scene import Scene
 from ..bounds.laser_line import laser_line_bounds
 from ..suites.stress import axis_overrides
-from .kind import Ask, Curve, Designs, Knob, Option
+from .kind import Ask, Curve, Designs, Knob, Option, Steps
 
 __all__ = ["DESIGNS"]
 
@@ -79,9 +79,12 @@ def _options(scene: Scene, ask: Ask) -> tuple[list[Option], Curve]:
         margin = _MARGIN * min(item.shape.center_m[2] for item in scene.target)
     bound, rows = _seen(light, ask, margin, {})
     found = [Option("the scene's own", {"baseline": length, "angle": angle}, {}, bound, 1.0)]
-    for baseline, turn in itertools.product(ask.values["baseline"], ask.values["angle"]):
+    asked = list(itertools.product(ask.values["baseline"], ask.values["angle"]))
+    step = Steps(ask.progress, len(asked))
+    for baseline, turn in asked:
         overrides = _placed(scene, baseline, turn)
         settings, name = {"baseline": baseline, "angle": turn}, f"{1e3 * baseline:.4g} mm, {turn:.3g} deg"
+        step(name)
         try:
             bound, own = _seen(light, ask, margin, overrides)
         except InputError as error:

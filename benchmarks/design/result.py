@@ -17,6 +17,7 @@ class Designed:
         scene: its name. quantity, unit, factor: what is bounded, and the unit of display over that of `bound`. options: the
             scene's own design first, then all others. best: the allowed one of least bound; the own one where none is better.
             guard: what the column `guard` holds. curve: for the picture. knobs: what was chosen among.
+            model: what who reads knows of the light.
     """
 
     scene: str
@@ -28,6 +29,7 @@ class Designed:
     guard: str
     curve: Curve
     knobs: tuple[Knob, ...]
+    model: str
 
     @property
     def own(self) -> Option:
@@ -36,5 +38,5 @@ class Designed:
 
     @property
     def gain(self) -> float:
-        """Bound of the scene's own design over that of the best."""
-        return self.own.bound / self.best.bound
+        """Error of the scene's own design over that of the best."""
+        return self.own.error / self.best.error

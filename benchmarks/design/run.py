@@ -13,6 +13,7 @@ from typing import Any
 from ...scenes.errors import InputError
 from ...scenes.scene import Scene
 from ..folders.files import write_json, write_text
+from ..folders.progress import Progress, silent
 from ..judges import JUDGES, judge_of
 from ..scores.tables import to_csv
 from .kind import Ask, Designs, Knob, Option
@@ -42,14 +43,15 @@ def designs_of(scene: Scene) -> Designs:
 
 def designed(
     scene: Scene, *, budget: float = 1.0, margin_m: float | None = None, allow: Sequence[str] = (), fidelity: Any = None,
-    seed: int = 1,
+    seed: int = 1, model: str | None = None, progress: Progress = silent,
 ) -> Designed:  # fmt: skip
-    """The design of least rms bound among those that are not ambiguous.
+    """The design of least rms error among those that are not ambiguous.
 
     Main arguments:
         scene: to design for. budget: light in all, as a multiple of the scene's own.
     Other arguments:
-        margin_m, fidelity, seed: see `Ask`. allow: "NAME=VALUE,VALUE,…" for each setting to choose among other values.
+        margin_m, fidelity, seed, model, progress: see `Ask`; the model by default the modality's first.
+        allow: "NAME=VALUE,VALUE,…" for each setting to choose among other values.
 
     Raises InputError for a scene without designs, an unknown setting, or a number that cannot be used.
     """
@@ -57,11 +59,17 @@ def designed(
     knobs = tuple(designs.knobs(scene))
     _check(budget, margin_m)
     values = {knob.name: knob.values for knob in knobs} | _allowed(allow, knobs)
-    options, curve = designs.options(scene, Ask(budget, margin_m, values, fidelity, seed))
-    best = min((one for one in options if one.allowed), key=lambda one: one.bound, default=options[0])
+    if model is not None and model not in designs.models:
+        raise InputError(
+            "No estimator of such a model is known here.", where="estimator_model", value=model,
+            allowed=" or ".join(designs.models),
+        )  # fmt: skip
+    ask = Ask(budget, margin_m, values, fidelity, seed, model or designs.models[0], progress)
+    options, curve = designs.options(scene, ask)
+    best = min((one for one in options if one.allowed), key=lambda one: one.error, default=options[0])
     factor, unit = designs.shown
     return Designed(
-        scene.name, designs.quantity, unit, factor, tuple(options), best, designs.guard, curve, knobs,
+        scene.name, designs.quantity, unit, factor, tuple(options), best, designs.guard, curve, knobs, ask.model,
     )  # fmt: skip
 
 
@@ -113,7 +121,8 @@ def write_design(found: Designed, source: str, out: Path, record: Mapping[str, A
     rows = [
         {
             "design": one.name, **{knob.name: one.settings.get(knob.name, math.nan) for knob in found.knobs},
-            f"bound_{found.unit}": found.factor * one.bound, "gain": found.own.bound / one.bound, "guard": one.guard,
+            f"bound_{found.unit}": found.factor * one.bound,
+            f"bias_{found.unit}": found.factor * one.bias, "gain": found.own.error / one.error, "guard": one.guard,
             "chosen": one is found.best, "why_not": one.why,
         }
         for one in found.options
@@ -123,6 +132,7 @@ def write_design(found: Designed, source: str, out: Path, record: Mapping[str, A
         out / "run.json",
         {
             **record, "scene": found.scene, "quantity": found.quantity, "unit": found.unit, "gain": found.gain,
+            "estimator_model": found.model,
             "best": _plain(found, found.best), "options": [_plain(found, one) for one in found.options],
         },
     )  # fmt: skip
@@ -135,5 +145,6 @@ def write_design(found: Designed, source: str, out: Path, record: Mapping[str, A
 def _plain(found: Designed, option: Option) -> dict[str, Any]:
     data = asdict(option)
     data["bound"] = found.factor * option.bound if math.isfinite(option.bound) else None
+    data["bias"] = found.factor * option.bias if math.isfinite(option.bias) else None
     data["guard"] = option.guard if math.isfinite(option.guard) else None
     return data

@@ -21,7 +21,7 @@ from ...scenes.rigs.wavefront import wavefront_rig
 from ...scenes.scene import Scene
 from ..bounds.wavefront import wavefront_bounds
 from ..suites.stress import axis_overrides
-from .kind import Ask, Curve, Designs, Knob, Option
+from .kind import Ask, Curve, Designs, Knob, Option, Steps
 
 __all__ = ["DESIGNS"]
 
@@ -70,9 +70,12 @@ def _options(scene: Scene, ask: Ask) -> tuple[list[Option], Curve]:
     bound, share = _seen(light, ask, {})
     own = {"pitch": lenslets.pitch_m, "focal-length": lenslets.focal_length_m}
     found = [Option("the scene's own", own, {}, bound, share)]
-    for pitch, focal in itertools.product(ask.values["pitch"], ask.values["focal-length"]):
+    asked = list(itertools.product(ask.values["pitch"], ask.values["focal-length"]))
+    step = Steps(ask.progress, len(asked))
+    for pitch, focal in asked:
         overrides = _placed(scene, pitch, focal)
         settings, name = {"pitch": pitch, "focal-length": focal}, f"pitch {1e6 * pitch:.4g} um, f {1e3 * focal:.4g} mm"
+        step(name)
         try:
             bound, share = _seen(light, ask, overrides)
         except InputError as error:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
-__all__ = ["Bars", "Lines", "Progress", "silent", "terminal_progress"]
+__all__ = ["Bars", "Lines", "Progress", "TimeLeft", "silent", "terminal_progress"]
 
 
 class Progress(Protocol):
@@ -26,12 +26,31 @@ def silent(stage: str, done: int, total: int, text: str) -> None:
     """Say nothing."""
 
 
+class TimeLeft:
+    """How long the rest of a stage takes, at the rate of its steps so far."""
+
+    def __init__(self) -> None:
+        self._begun: dict[str, tuple[float, int]] = {}
+
+    def __call__(self, stage: str, done: int, total: int, now_s: float) -> str:
+        """Words such as "about 2 min left"; "" before a step is done, after the last, and within the first two seconds."""
+        begun, before = self._begun.setdefault(stage, (now_s, done))
+        passed, steps = now_s - begun, done - before
+        if done < before:  # the stage begins anew
+            self._begun[stage] = (now_s, done)
+        if steps <= 0 or done >= total or passed < 2.0:
+            return ""
+        left = passed / steps * (total - done)
+        return f"about {left:.0f} s left" if left < 100 else f"about {left / 60:.0f} min left"
+
+
 class Lines:
-    """One plain line per step: at most one per second and stage, and always the last."""
+    """One plain line per step, with the time that is left: at most one per second and stage, and always the last."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream if stream is not None else sys.stderr
         self._last: dict[str, float] = {}
+        self._left = TimeLeft()
 
     def __enter__(self) -> Lines:
         return self
@@ -43,10 +62,12 @@ class Lines:
 
     def __call__(self, stage: str, done: int, total: int, text: str) -> None:
         now = time.monotonic()
+        left = self._left(stage, done, total, now)
         if done < total and now - self._last.get(stage, -1e9) < 1.0:
             return
         self._last[stage] = now
-        print(plain_text(f"{stage} {done}/{total} {text}".rstrip()), file=self._stream, flush=True)
+        words = f"{stage} {done}/{total} {text}".rstrip() + (f" ({left})" if left else "")
+        print(plain_text(words), file=self._stream, flush=True)
 
 
 class Bars:
@@ -54,10 +75,17 @@ class Bars:
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
         self._bars: RichProgress = Progress(
-            TextColumn("{task.fields[stage]:<9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+            TextColumn("{task.fields[stage]:<9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
             TextColumn("{task.description}"), console=Console(stderr=True), transient=False,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}

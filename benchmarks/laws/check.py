@@ -12,13 +12,14 @@ from ...captures.quantities import Stage
 from ...estimators import get_estimator, parse_label
 from ...estimators.labels import LINK, check_parameters
 from ...scenes.errors import InputError
+from ..folders.progress import Progress
 from ..judges import JUDGES, judge_of
 from ..runner.estimator_labels import check_estimators
 from .maker import Laws, Maker, Run
 from .place import Place
 from .suite import LawResult, Report, judged, named
 
-__all__ = ["Check", "check_laws", "fed", "laws_of", "laws_record", "maker_of"]
+__all__ = ["Check", "check_laws", "fed", "laws_of", "laws_record", "maker_of", "own_laws"]
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,20 @@ def laws_of(label: str) -> tuple[list[str], Callable[[Report | None], list[LawRe
     run = partial(found.function, **check_parameters(found.function, params, where=name))
     laws = named(run, Maker(laws_record(found.stage), found.stage, found.unfit, joint=found.joint))
     return list(laws), lambda report: judged(laws, report)
+
+
+def own_laws(label: str, progress: Progress) -> list[LawResult]:
+    """The laws of a built-in estimator, by its label, each told as it begins. Raises InputError as `laws_of`."""
+    names, judge = laws_of(label)
+
+    def tell(name: str, result: LawResult | None) -> bool:
+        if result is None:
+            progress("laws", names.index(name), len(names), name)
+        elif name == names[-1]:
+            progress("laws", len(names), len(names), "")
+        return True
+
+    return judge(tell)
 
 
 def maker_of(stage: str) -> Maker:

@@ -20,6 +20,7 @@ from ...captures.sizes import sizes_of
 from ...estimators import BUILTIN, get_estimator
 from ...estimators.labels import LINK
 from ...estimators.registry import Estimator
+from ..folders.progress import Progress, silent
 from ..judges import judge_of
 from ..judges.bound import bounds_of, truths_of
 from ..runner.job import Job, Outcome
@@ -141,12 +142,14 @@ class _Posed:
         return next(row for row in rows if row["quantity"] == quantity)
 
 
-def placed(label: str, own: Estimator, laws: Laws) -> Place:
+def placed(label: str, own: Estimator, laws: Laws, progress: Progress = silent) -> Place:
     """The place of an estimator among the built-in ones of its stage.
 
     Main arguments:
         label: `name` or `name[key=value]`. own: the estimator, of which stage and needs are read: it is not called here. laws: of
             its modality.
+    Other arguments:
+        progress: told of every answer.
     """
     stage = own.stage
     maker = Maker(laws, stage, own.unfit)
@@ -165,11 +168,13 @@ def placed(label: str, own: Estimator, laws: Laws) -> Place:
             for level in values
         }
         jobs = {label: [*timed, *levels.values()]} | dict.fromkeys(rivals, timed)
-        outcomes = _asked(jobs, stage, folder)
+        total = sum(len(one) for one in jobs.values())
+        steps = _Answers(progress, total + (len(levels) if rivals else 0))
+        outcomes = _asked(jobs, stage, folder, steps)
         standings = [_standing(posed, outcomes[one][: len(timed)], one, quantity, own=one == label) for one in jobs]
         rest = sorted(standings[1:], key=lambda one: (one.status != "ok", one.rmse, one.label))
         best = rest[0].label if rest and rest[0].status == "ok" else ""
-        others = _asked({best: list(levels.values())}, stage, folder)[best] if best else []
+        others = _asked({best: list(levels.values())}, stage, folder, steps)[best] if best else []
         found = []
         for stress, values in STRESSES.items():
             numbers = [levels[stress, value].index for value in values]
@@ -196,7 +201,22 @@ def _scored(stage: Stage, capture: xr.Dataset) -> tuple[str, int]:
     return "", 0
 
 
-def _asked(jobs: Mapping[str, Sequence[Job]], stage: Stage, folder: Path) -> dict[str, list[Outcome]]:
+class _Answers:
+    """Counts answers for a progress."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+        progress("compare", 0, total, "")
+
+    def __call__(self, label: str) -> None:
+        """One more answer, of an estimator."""
+        self._done += 1
+        self._progress("compare", self._done, self._total, label)
+
+
+def _asked(
+    jobs: Mapping[str, Sequence[Job]], stage: Stage, folder: Path, answered: _Answers
+) -> dict[str, list[Outcome]]:
     """The outcomes of every estimator on its jobs, behind what feeds its stage."""
     feeders = judge_of(stage.modality).feeders
     before = "" if stage.reads_captures else feeders[stage.word] + LINK
@@ -206,7 +226,12 @@ def _asked(jobs: Mapping[str, Sequence[Job]], stage: Stage, folder: Path) -> dic
         for number, label in enumerate(labels)
     ]
     found: dict[str, list[Outcome]] = {label: [] for label in labels}
-    run_sessions(sessions, lambda number, outcome: found[labels[number]].append(outcome))
+
+    def keep(number: int, outcome: Outcome) -> None:
+        found[labels[number]].append(outcome)
+        answered(labels[number])
+
+    run_sessions(sessions, keep)
     return found
 
 

@@ -20,6 +20,7 @@ from typing import Any
 
 from ...scenes import spec_files
 from ...scenes.errors import InputError
+from ..folders.progress import Progress, silent
 from ..runner.confined import ENTER, Confined, confined
 from ..runner.estimator_labels import check_estimators
 from ..runner.patience import Patience
@@ -36,11 +37,11 @@ _CHILD = (
 )
 
 
-def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
+def try_laws(label: str, limit_s: float = LAW_LIMIT_S, progress: Progress = silent) -> list[LawResult]:
     """Check a plug-in against the laws of its stage; what it prints goes to standard error.
 
     Main arguments:
-        label: `name` or `name[key=value,...]`. limit_s: longest time for one law.
+        label: `name` or `name[key=value,...]`. limit_s: longest time for one law. progress: told of every law that begins.
 
     Raises:
         InputError: no such estimator or parameter, a stage without laws, or an import that fails or never ends.
@@ -49,10 +50,10 @@ def try_laws(label: str, limit_s: float = LAW_LIMIT_S) -> list[LawResult]:
     # Laws are tried on public scenes, which hide nothing.
     library = Path(spec_files.__file__).parent / "library"
     with confined(chosen.label, read=[library]) as place:
-        return _tried(chosen.label, limit_s, place)
+        return _tried(chosen.label, limit_s, place, progress)
 
 
-def _tried(label: str, limit_s: float, place: Confined) -> list[LawResult]:
+def _tried(label: str, limit_s: float, place: Confined, progress: Progress) -> list[LawResult]:
     results: dict[str, LawResult] = {}
     names: list[str] = []
     while True:
@@ -64,11 +65,13 @@ def _tried(label: str, limit_s: float, place: Confined) -> list[LawResult]:
                 names = list(event["laws"])
             elif "begins" in event:
                 begun = str(event["begins"])
+                progress("laws", len(results), len(names), begun)
             elif "law" in event:
                 results[event["law"]] = LawResult(str(event["law"]), bool(event["holds"]), str(event["seen"]))
                 begun = ""
         left = [name for name in names if name not in results]
         if names and not left:
+            progress("laws", len(names), len(names), "")
             return [results[name] for name in names]
         if not names:
             raise InputError(

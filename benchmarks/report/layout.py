@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 __all__ = ["HEIGHT", "WIDTH", "log_domain", "log_ticks", "place_labels"]
+
+Float = npt.NDArray[np.float64]
 
 #: Panels of the saved picture in px. Labels are placed for the narrower panels of the page, which suits both.
 WIDTH, HEIGHT = 380, 300
 _PLACED_WIDTH = 300
+#: Sides of a label, and heights over its point, px; the first costs least.
+_SIDES = ("left", "right", "center")
+_DROPS = (0, -13, 13, -24, 24, -36, 36, -48, 48)
 #: Points of one estimator closer than this, px, share one label.
 _TOGETHER = 45
 
@@ -21,7 +30,20 @@ def place_labels(points: list[dict[str, Any]], cpus: list[float], errors: list[f
     """
     if not points:
         return
-    (x0, x1), (y0, y1) = log_domain(cpus), log_domain(errors)
+    known = tuple((p["label"], p["text"], p["cpu"], p["error"], bool(p["front"])) for p in points)
+    for point, placed in zip(points, _placed(known, (min(cpus), max(cpus)), (min(errors), max(errors))), strict=True):
+        point |= dict(zip(("text", "align", "dx", "dy"), placed, strict=True))
+
+
+@lru_cache(maxsize=512)
+def _placed(
+    known: tuple[tuple[str, str, float, float, bool], ...], cpus: tuple[float, float], errors: tuple[float, float]
+) -> list[tuple[str, str, int, int]]:
+    """(text, align, dx, dy) of points (label, text, cpu, error, front). Page and saved picture place the same points."""
+    points: list[dict[str, Any]] = [
+        dict(zip(("label", "text", "cpu", "error", "front"), one, strict=True)) for one in known
+    ]
+    (x0, x1), (y0, y1) = log_domain(list(cpus)), log_domain(list(errors))
     taken: list[tuple[float, float, float, float]] = []
     places: list[tuple[float, float]] = []
     for point in points:
@@ -35,43 +57,39 @@ def place_labels(points: list[dict[str, Any]], cpus: list[float], errors: list[f
             point["text"] = ""
         places.append((px, py))
         taken.append((px - 6, py - 6, px + 6, py + 6))
+    labels = np.array([point["label"] for point in points])
+    at = np.array(places)
     for point, (px, py) in sorted(zip(points, places, strict=True), key=lambda pair: not pair[0]["front"]):
         wide = 6.2 * len(point["text"])
-        options = []
-        for dy in (0, -13, 13, -24, 24, -36, 36, -48, 48):
-            options += [
-                ("left", 10, dy, px + 10),
-                ("right", -10, dy, px - 10 - wide),
-                ("center", 0, dy or -14, px - wide / 2),
-            ]
-        chosen, least = options[0], math.inf
-        for rank, option in enumerate(options):
-            left, middle = option[3], py + option[2]
-            box = (left, middle - 6, left + wide, middle + 6)
-            outside = (
-                max(0.0, -left)
-                + max(0.0, left + wide - _PLACED_WIDTH)
-                + max(0.0, 4 - middle)
-                + max(0.0, middle - HEIGHT)
-            )
-            own = _distance(box, (px, py))
-            strangers = [at for at, other in zip(places, points, strict=True) if other["label"] != point["label"]]
-            misread = sum(max(0.0, own + 4 - _distance(box, at)) for at in strangers)
-            cost = rank + 6 * outside + 8 * misread + sum(_overlap(box, other) for other in taken)
-            if cost < least:
-                chosen, least = option, cost
-        point["align"], point["dx"], point["dy"] = chosen[0], chosen[1], chosen[2]
+        left = np.tile([px + 10, px - 10 - wide, px - wide / 2], len(_DROPS))
+        middle = py + np.repeat(_DROPS, 3)
+        middle[2] = py - 14  # a centred label never lies on its point
+        box = np.stack([left, middle - 6, left + wide, middle + 6])[:, :, None]
+        outside = np.maximum(0, -left) + np.maximum(0, left + wide - _PLACED_WIDTH)
+        outside += np.maximum(0, 4 - middle) + np.maximum(0, middle - HEIGHT)
+        own = _distance(box, np.array([[px, py]]))
+        misread = np.maximum(0, own + 4 - _distance(box, at[labels != point["label"]])).sum(axis=1)
+        cost = np.arange(left.size) + 6 * outside + 8 * misread + _overlap(box, np.array(taken)).sum(axis=1)
+        best = int(np.argmin(cost))
+        dy = round(float(middle[best]) - py)
+        point["align"], point["dx"], point["dy"] = _SIDES[best % 3], (10, -10, 0)[best % 3], dy
         if point["text"]:
-            taken.append((chosen[3], py + chosen[2] - 6, chosen[3] + wide, py + chosen[2] + 6))
+            taken.append((left[best], middle[best] - 6, left[best] + wide, middle[best] + 6))
+    return [(point["text"], point["align"], point["dx"], point["dy"]) for point in points]
 
 
-def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> float:
-    return max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
+def _overlap(box: Float, others: Float) -> Float:
+    """Areas (option, other) that boxes (4, option, 1) share with others (other, 4)."""
+    across = np.minimum(box[2], others[:, 2]) - np.maximum(box[0], others[:, 0])
+    down = np.minimum(box[3], others[:, 3]) - np.maximum(box[1], others[:, 1])
+    return np.asarray(np.maximum(0.0, across) * np.maximum(0.0, down))
 
 
-def _distance(box: tuple[float, float, float, float], at: tuple[float, float]) -> float:
-    across = max(box[0] - at[0], 0.0, at[0] - box[2])
-    return math.hypot(across, max(box[1] - at[1], 0.0, at[1] - box[3]))
+def _distance(box: Float, at: Float) -> Float:
+    """Distances (option, point) of boxes (4, option, 1) from points (point, 2)."""
+    across = np.maximum(np.maximum(box[0] - at[:, 0], at[:, 0] - box[2]), 0.0)
+    down = np.maximum(np.maximum(box[1] - at[:, 1], at[:, 1] - box[3]), 0.0)
+    return np.asarray(np.hypot(across, down))
 
 
 def log_domain(values: list[float]) -> tuple[float, float]:

@@ -170,6 +170,7 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
     cells = cells_of(table)
     base, where = _one_condition(base_cells(cells))
     ranked = [r for r in rank(base) if r.cells]
+    fallen = _standing(base)[1]
     said = failures_of([cell for cell in cells if not cell.mixed])
     scenes, seeds = len({cell.scene for cell in cells}), len(seeds_of(table))
     if not ranked:
@@ -179,9 +180,12 @@ def summary(table: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ()) -> lis
             "The list of failures below gives the reasons.",
         ]
     tried = f"{plural(scenes, 'scene')} and {plural(seeds, 'seed')}{where}"
+    if fallen:
+        return [f"On {tried}, {fallen}.", "So none is called the most accurate, or the fastest.", _failing(cells, said)]
     groups = by_quantity(base)
+    standing = _standing(base)[0]
     return [
-        *(_of_each(groups, tried) if len(groups) > 1 else _of_one(base, ranked, pairs, tried)),
+        *(_of_each(groups, tried) if len(groups) > 1 else _of_one(base, standing, pairs, tried)),
         _failing(cells, said),
     ]
 
@@ -190,8 +194,9 @@ def _of_each(groups: Mapping[str, list[Cell]], tried: str) -> list[str]:
     """A sentence for each quantity, the smallest error and the fastest estimator: those of different ones have no order."""
     said = [f"On {tried}, by what is estimated:"]
     for name, cells in groups.items():
-        ranked = [r for r in rank(cells) if r.cells]
+        ranked, fallen = _standing(cells)
         if not ranked:
+            said += [f"{name}: {fallen}."] if fallen else []
             continue
         best, fastest = ranked[0], _fastest(ranked)
         example = min((c for c in cells if c.label == best.label and c.ok), key=lambda c: c.rmse_full)
@@ -268,7 +273,7 @@ def closing_lines(scores: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ())
         lines += _leaders(group, where, pairs, f"{name}: " if len(groups) > 1 else "")
     if not lines:
         lines = ["best     none: no estimator gave a result that is ranked"]
-    ranked = any(r.cells for r in rank(base))
+    ranked = any(_standing(group)[0] for group in groups.values())
     lines += [f"doubt    {sentence}" for sentence in above_bound(cells)]
     said = failures_of([cell for cell in cells if not cell.mixed])
     for label, places in said.items():
@@ -288,11 +293,13 @@ def closing_lines(scores: pd.DataFrame, pairs: Sequence[Mapping[str, Any]] = ())
 
 def _leaders(cells: list[Cell], where: str, pairs: Sequence[Mapping[str, Any]], of: str) -> list[str]:
     """The lines of the most accurate and of the fastest estimator of one quantity, which `of` names; none without a result."""
-    ranked = [r for r in rank(cells) if r.cells]
+    ranked, fallen = _standing(cells)
+    noun = common_noun(cells)
     if not ranked:
-        return []
-    best, fastest, noun = ranked[0], _fastest(ranked), common_noun(cells)
-    near = f", {best.bound_ratio:.2f} x the exact bound" if math.isfinite(best.bound_ratio) else ""
+        return [f"best     {of}none: {fallen}"] if fallen else []
+    best, fastest = ranked[0], _fastest(ranked)
+    ratio = best.bound_ratio
+    near = f", {f'{ratio:.2f}' if ratio < 100.0 else number(ratio)} x the exact bound" if math.isfinite(ratio) else ""
     speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
     own = [row for row in pairs if row.get("quantity", cells[0].quantity) == cells[0].quantity]
     beaten, others, basis = beaten_by_best(cells, ranked, own)
@@ -302,6 +309,20 @@ def _leaders(cells: list[Cell], where: str, pairs: Sequence[Mapping[str, Any]], 
         f"fastest  {of}{fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
         f"{number(fastest.error_ratio)} x the smallest error",
     ]
+
+
+def _standing(cells: list[Cell]) -> tuple[list[Ranked], str]:
+    """Estimators with a case in which they do not fail, the most accurate first; and where all fail, words that say so."""
+    ranked = [r for r in rank(cells) if r.cells]
+    stands = {cell.label for cell in cells if not cell.mixed and not cell.fails}
+    standing = [r for r in ranked if r.label in stands]
+    if standing or not ranked:
+        return standing, ""
+    least = min((c for c in cells if c.ok), key=lambda c: c.failure_rate)
+    return [], (
+        f"all fail: each estimator on more than 10 % of the {least.noun}s in every case (the fewest: {least.label}, "
+        f"{rate(least.failure_rate)}, {least.place})"
+    )
 
 
 def _failure(cell: Cell) -> str:

@@ -141,6 +141,7 @@ def render_remainder(
     limits: Limits = Limits(),
     world: PathWorld | None = None,
     parts: bool = False,
+    grown: float = 0.0,
 ) -> Remainder:
     """What the direct rung leaves out, traced until the standard error of the stack is below `rtol` of the stack.
 
@@ -154,6 +155,8 @@ def render_remainder(
         limits: samples and memory; where the samples do not suffice, `reached` is False and `epsilon` is the error that is left.
         world: reuse an earlier one (same scene).
         parts: also keep the stacks of "all" apart.
+        grown: the share by which targets are larger about the camera, to first order, in what is traced (`paths.growth`); what
+            quadrature gives, and what finite lens and lamp change, stays as it is.
 
     Raises:
         InputError: as `PathWorld.of`, or an unknown component.
@@ -161,7 +164,7 @@ def render_remainder(
     if component not in COMPONENTS:
         raise InputError("There is no such light.", where="component", value=component, allowed=", ".join(COMPONENTS))
     world = world or PathWorld.of(scene, view_of(scene))
-    run = _Run(scene, world, slices, seed, capture_key, component, limits, parts)
+    run = _Run(scene, world, slices, seed, capture_key, component, limits, parts, grown)
     known = np.zeros_like(direct)
     if component == "all":
         known = single_electrons(
@@ -235,9 +238,9 @@ class _Run:
 
     def __init__(
         self, scene: Scene, world: PathWorld, slices: Slices, seed: int, key: int, component: str, limits: Limits,
-        split: bool = False,
+        split: bool = False, grown: float = 0.0,
     ) -> None:  # fmt: skip
-        self.world, self.slices, self.component = world, slices, component
+        self.world, self.slices, self.component, self.grown = world, slices, component, grown
         self.seed, self.key, self.limits = seed, key, limits
         self.tables = gate_tables(scene)
         self.per_metre_s = world.group_index / C_M_PER_S
@@ -267,12 +270,14 @@ class _Run:
         for top in range(0, self.world.rows, tall):
             rows = range(top, min(top + tall, self.world.rows))
             lanes, pixels = self._lanes(rows), slice(top * cols, rows.stop * cols)
-            moments = trace_lanes(self.world, lanes, samples, self.window, self.component, bool(self.shares))
+            moments = trace_lanes(
+                self.world, lanes, samples, self.window, self.component, bool(self.shares), self.grown
+            )
             self._gather(moments, pixels)
             if self.component != "all":
                 continue
             if self.world.phase is not None and not self.world.coaxial:
-                shadow = trace_lanes(self.world, lanes, samples, self.window, "shadow")
+                shadow = trace_lanes(self.world, lanes, samples, self.window, "shadow", grown=self.grown)
                 self._gather_signed(shadow, -1.0, "single", pixels)
                 for total, lane in zip(self.shadow, (shadow.total, shadow.square), strict=True):
                     total[pixels] += lane.reshape(self.lanes_per_pixel, -1).sum(axis=0, dtype=np.float64)

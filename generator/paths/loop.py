@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from ..rays.backend import mitsuba
 from .chain import arrive, chance
+from .growth import as_grown, growth, lamp_as_grown
 from .phase import free_path
 from .world import PathWorld
 
@@ -75,17 +76,23 @@ class Moments:
 
 
 def trace_lanes(
-    world: PathWorld, lanes: Lanes, samples: int, window: Window, component: str = "all", split: bool = False
+    world: PathWorld,
+    lanes: Lanes,
+    samples: int,
+    window: Window,
+    component: str = "all",
+    split: bool = False,
+    grown: float = 0.0,
 ) -> Moments:
     """Trace `samples` paths in every lane. With `split`, light without scattering has the first half of twice as many bins,
-    light with scattering the second."""
+    light with scattering the second. `grown`: the share by which the targets are larger, to first order (`growth`)."""
     import drjit as dr
 
     mi = mitsuba()
     count = len(lanes.row)
     wide = window.bins * (2 if split else 1)
     bins = [dr.zeros(mi.Float, count * wide) for _ in range(3)]
-    body = _Body(world, lanes, window, component, bins, split)
+    body = _Body(world, lanes, window, component, bins, split, grown)
     wanted = dr.opaque(mi.UInt32, samples)
     state = dr.while_loop(_Path.start(lanes), lambda rng, done, *_: done < wanted, body.step, mode="symbolic")
     total, square = state[-2], state[-1]
@@ -156,7 +163,14 @@ class _Body:
     """One event of every lane's path."""
 
     def __init__(
-        self, world: PathWorld, lanes: Lanes, window: Window, component: str, bins: list[Any], split: bool
+        self,
+        world: PathWorld,
+        lanes: Lanes,
+        window: Window,
+        component: str,
+        bins: list[Any],
+        split: bool,
+        grown: float,
     ) -> None:
         import drjit as dr
 
@@ -164,6 +178,7 @@ class _Body:
         self.world, self.component, self.bins = world, component, bins
         self.row, self.col = mi.Float(lanes.row), mi.Float(lanes.col)
         self.split = split
+        self.grown = None if grown == 0.0 else dr.opaque(mi.Float, grown)
         self.base = dr.arange(mi.UInt32, len(lanes.row)) * (window.bins * (2 if split else 1))
         self.start, self.per_metre = dr.opaque(mi.Float, window.start_m), dr.opaque(mi.Float, 1.0 / window.width_m)
         words = [
@@ -227,7 +242,8 @@ class _Body:
 
         mi, world = mitsuba(), self.world
         si, hit, context = event.si, event.hit, mi.BSDFContext()
-        to_lamp = world.lamp.position - event.point
+        share = None if self.grown is None else growth()
+        to_lamp = lamp_as_grown(world.lamp.position, share, world.phase is not None) - event.point
         away = dr.norm(to_lamp)
         to_lamp /= dr.maximum(away, 1e-12)
         given = path.weight * world.lamp.intensity(-to_lamp) / dr.maximum(dr.square(away), 1e-12)
@@ -243,10 +259,12 @@ class _Body:
             straight = dr.square(away) / (dr.exp(-world.scattering * away) * turn)
             given *= dr.select(far, 1.0, straight / (straight + path.chained))
             reach = chance(world.scattering * away)
+        given, length = as_grown(share, self.grown, given, path.length + away, path.scatters, world.attenuation)
+        to_lamp, away, reach, far = (dr.detach(one) for one in (to_lamp, away, reach, far))
         wanted = event.met & self._counted(path.surfaces, path.scatters) & (given > 0.0)
-        wanted &= path.length + away >= self.start
-        wanted = self._seen(event, world.lamp.position, wanted & (path.length + away < self.longest))
-        path.light += self._add(given, path.length + away, wanted, path.scatters > 0)
+        wanted &= length >= self.start
+        wanted = self._seen(event, world.lamp.position, wanted & (length < self.longest))
+        path.light += self._add(given, length, wanted, path.scatters > 0)
         return _ToLamp(to_lamp, away, reach, far)
 
     def _seen(self, event: _Event, target: Any, active: Any) -> Any:
@@ -286,7 +304,9 @@ class _Body:
         by_chain = dr.square(lamp.away) * came.cosine / (lamp.reach * pdf)
         by_chance = dr.square(came.radius) / (dr.exp(-world.scattering * came.radius) * came.turn_density)
         more *= dr.select(pdf > 0.0, by_chain / (by_chain + by_chance), 1.0)
-        path.light += self._add(more, path.length + came.length, open_ & (more > 0.0), mi.Bool(True))
+        share, events = None if self.grown is None else growth(), path.scatters + came.events
+        more, length = as_grown(share, self.grown, more, path.length + came.length, events, world.attenuation)
+        path.light += self._add(more, length, open_ & (more > 0.0), mi.Bool(True))
 
     def _go_on(self, path: _Path, event: _Event, lamp: _ToLamp) -> None:
         """Turn the path by the law of its event, or end it and count its light."""
