@@ -60,7 +60,10 @@ def data_set(path: Path, modalities: tuple[str, ...], count: int = len(PARTS)) -
 #: A scene as captures record it.
 SCENE: dict[str, Any] = {
     "target": [
-        {"name": "wall", "shape": {"kind": "rectangle", "center_m": [0.0, 0.0, 5.0]}, "material": {"kind": "lambert", "albedo": 0.5}}
+        {
+            "name": "wall", "shape": {"kind": "rectangle", "center_m": [0.0, 0.0, 5.0]},
+            "material": {"kind": "lambert", "albedo": 0.5},
+        }
     ],
     "medium": {"name": "air", "absorption_per_m": 0.0},
 }  # fmt: skip
