@@ -143,8 +143,9 @@ def test_outputs_that_exist(small: Path, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="did not write the existing output"):
             beambench.export(small, to="webdataset", out=place, overwrite=True)
     for place in (small, small / "inside", tmp_path):
-        with pytest.raises(InputError, match="overwrite an input"):
-            beambench.export(small, to="webdataset", out=place, overwrite=True)
+        for data in (small, small / MODALITY):
+            with pytest.raises(InputError, match="overwrite an input"):
+                beambench.export(data, to="webdataset", out=place, overwrite=True)
     assert (tmp_path / "folder" / "mine.txt").read_text() == "mine"
 
 

@@ -47,6 +47,8 @@ def _text(made: Generated, given: Arguments) -> None:
     for index, item in enumerate(made.comparison):
         print_lines(f"capture {index}: {item}")
     print_lines(*(f"captures {path}" for path in made.paths))
+    if made.made is not None:
+        print_lines(f"next     beambench data card {made.made.path}")
 
 
 def _outline(told: dict[str, Any]) -> None:

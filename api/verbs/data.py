@@ -56,11 +56,12 @@ def data_card(
     from ..benchmarks.folders.kinds import CARD, slug
     from ..benchmarks.folders.progress import silent
     from ..benchmarks.folders.workplace import output_folder, workplace
-    from ..scenes.places import local_path
+    from ..captures.store.faces import sharded_place
 
-    source = local_path(data, "DATA")
+    source = Path(data).expanduser()
+    place = sharded_place(source)
     folder = output_folder(out, f"card-{slug(source.stem)}", resume=False, overwrite=overwrite)
-    with workplace(folder, CARD, overwrite=overwrite, inputs=[data]) as work:
+    with workplace(folder, CARD, overwrite=overwrite, inputs=[source] if place is None else [source, place[0]]) as work:
         write_card(card_of(source, progress or silent), work, {"verb": CARD.verb, "data": source.name})
     return folder
 

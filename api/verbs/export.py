@@ -54,15 +54,17 @@ def export(
     """
     from ..benchmarks.folders.workplace import output_folder, refuse_inputs
     from ..captures.exports.run import export_captures
-    from ..scenes.places import local_path
+    from ..captures.store.faces import sharded_place
 
     if to == "hdf5":
         given = {"--part": part, "--variables": variables, "--per-file": per_file, "--resume": resume or None}
         return _one_file(data, given, out, overwrite)
     path = output_folder(out, f"export-{Path(data).stem}", resume=resume, overwrite=overwrite)
-    refuse_inputs(path, [data])
+    source = Path(data).expanduser()
+    place = sharded_place(source)
+    refuse_inputs(path, [source] if place is None else [source, place[0]])
     export_captures(
-        local_path(data, "DATA"), path, to, part=part, variables=variables, truth=truth, per_file=per_file, resume=resume,
+        source, path, to, part=part, variables=variables, truth=truth, per_file=per_file, resume=resume,
         overwrite=overwrite, tell=progress,
     )  # fmt: skip
     return path

@@ -173,7 +173,7 @@ def _drawn(card: Card) -> list[Block]:
         if math.isfinite(one.distance)
     ]
     table = [Table(("parameter", "distance", "limit", "drawn"), rows)] if rows else []
-    told = "Distance of Kolmogorov and Smirnov between what was drawn and what was asked; one of 100 sound parameters exceeds the limit."
+    told = "Distance of Kolmogorov and Smirnov between what was drawn and what was asked; one of 100 sound ones exceeds the limit."
     return [Heading("What was drawn"), Figures(figures), *([Paragraph(told), *table] if rows else [])]
 
 
@@ -209,7 +209,9 @@ def _sample(group: str, number: int, one: Sample) -> Figure:
     part = f", {one.part}" if one.part else ""
     caption = f"capture {one.capture}, {one.base}{part}: {one.title}, {low:.4g} … {high:.4g} {one.unit}"
     if min(one.values.shape) < 5:
-        return Figure(f"{group}-{number:02d}.svg", line(one.title, one.values.reshape(-1)).encode(), caption)
+        # Of several long records, as those of a photodetector, the first: in one line they would look like one.
+        values = one.values[0] if one.values.shape[1] > 24 else one.values.reshape(-1)
+        return Figure(f"{group}-{number:02d}.svg", line(one.title, values).encode(), caption)
     image = png(one.values, low, high if high > low else low + 1.0, SEQUENTIAL)
     return Figure(f"{group}-{number:02d}.png", image, caption, pixelated=True)
 

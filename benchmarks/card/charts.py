@@ -12,7 +12,7 @@ import numpy as np
 __all__ = ["bars", "line"]
 
 Array = np.ndarray[Any, Any]
-_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 420, 190, 46, 12, 26, 36
+_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 440, 190, 66, 12, 26, 36
 _FOUND, _ASKED = "#0072B2", "#D55E00"
 
 

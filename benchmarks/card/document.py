@@ -60,8 +60,8 @@ _MARKUP = re.compile(r"([\\`*_{}\[\]<>#|!~&])")
 
 _STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#0f172a;background:#fff}
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2rem;border-bottom:1px solid #cbd5e1}
-table{border-collapse:collapse;display:block;overflow-x:auto}th,td{border:1px solid #cbd5e1;padding:.25rem .6rem;text-align:left;
-vertical-align:top;overflow-wrap:anywhere}th{background:#f1f5f9}.figures{display:flex;flex-wrap:wrap;gap:1rem}
+table{border-collapse:collapse;margin:.8rem 0;display:block;overflow-x:auto}th,td{border:1px solid #cbd5e1;padding:.25rem .6rem;
+text-align:left;vertical-align:top;overflow-wrap:anywhere}th{background:#f1f5f9}.figures{display:flex;flex-wrap:wrap;gap:1rem}
 figure{margin:0;max-width:100%}figcaption{font-size:.85rem;color:#334155;max-width:26rem}img{max-width:100%;height:auto}
 img.pixels{image-rendering:pixelated;width:200px;border:1px solid #cbd5e1}"""
 

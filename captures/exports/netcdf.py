@@ -87,12 +87,12 @@ def _plain(value: Any) -> Any:
 
 def _kinds(source: Source, places: tuple[int, ...], attrs: Mapping[Any, Any]) -> dict[str, type]:
     """Text, float or int for all that `_told` gives of any of these captures. What one lacks is "" or NaN, so never an int."""
+    rank: tuple[type, ...] = (int, float, str)
     found: dict[str, type] = {}
     seen: dict[str, int] = {}
     for place in places:
         own = source.captures.attributes(place)
         for name, value in _told(source.facts(place), {key: own[key] for key in own if key in attrs}).items():
-            rank = (int, float, str)
             found[name] = max(found.get(name, int), type(value), key=rank.index)
             seen[name] = seen.get(name, 0) + 1
     return {name: float if kind is int and seen[name] < len(places) else kind for name, kind in found.items()}

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -95,7 +95,7 @@ def _check(done: bool, output: Any, path: Path) -> None:
         _failed(path, str(output.geterror()))
 
 
-def _failed(path: Path, told: str) -> None:
+def _failed(path: Path, told: str) -> NoReturn:
     # OpenImageIO gives a text and no errno.
     room = os.statvfs(path.parent)
     full = room.f_bavail * room.f_frsize < 2**16

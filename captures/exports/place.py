@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -197,12 +198,18 @@ def _locked(folder: Path) -> Iterator[None]:
 
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise _refuse(
+                "Another process is writing this export.",
+                folder,
+                next_step="wait until it ends, or choose another --out",
+            ) from error
+        except OSError as error:  # some network disks have no locks: there two processes must not write one export
+            if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+                raise
         yield
-    except BlockingIOError as error:
-        raise _refuse(
-            "Another process is writing this export.", folder, next_step="wait until it ends, or choose another --out"
-        ) from error
     finally:
         os.close(handle)
 
@@ -218,13 +225,18 @@ def _journal_of(partial: Path) -> tuple[dict[str, Any] | None, dict[str, Done]]:
             digest, _, text = line.removesuffix(b"\n").partition(b" ")
             if hashlib.sha256(text).hexdigest().encode() != digest:
                 break
-            body = read_json(text)
+            try:
+                body = read_json(text)
+                if request is not None:
+                    found[next(iter(body["files"]))] = Done(
+                        dict(body["files"]), int(body["count"]), list(body["facts"])
+                    )
+                elif body["format"] == _FORMAT:
+                    request = dict(body["request"])
+            except (ValueError, KeyError, TypeError, AttributeError, StopIteration):
+                break
             if request is None:
-                if body.get("format") != _FORMAT:
-                    return None, {}
-                request = dict(body["request"])
-            else:
-                found[next(iter(body["files"]))] = Done(body["files"], body["count"], body["facts"])
+                break
     return request, found
 
 

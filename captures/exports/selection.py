@@ -152,8 +152,9 @@ def select(
     root = path.expanduser()
     place = sharded_place(root)
     sets: list[CaptureSet]
+    about: dict[str, Any] = {}
     if place is None or place[0].name.endswith(".partial"):
-        sets, about = [open_captures(root)], {}
+        sets = [open_captures(root)]
     else:
         names = [place[1]] if place[1] else list(load_sharded(place[0]).groups)
         sets = [open_sharded(place[0], name) for name in names]
