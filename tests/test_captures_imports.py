@@ -46,7 +46,7 @@ def test_a_sequence_of_an_oscilloscope(tmp_path: Path) -> None:
     sample_trc(path)
     found = read_recording(path)
     assert np.allclose(found.arrays["signal"].ravel(), np.arange(60) / 1024 - 0.5, atol=1e-12)
-    assert np.allclose(found.arrays["time"], -5e-9 + 1e-9 * np.arange(20), atol=1e-16)
+    assert np.allclose(found.arrays["time"], -5e-9 + 1e-9 * np.arange(20), atol=1e-15)  # the interval has 32 bits
     assert np.allclose(found.arrays["start"], 0.25e-9 * np.arange(3), atol=1e-16)
     assert np.allclose(found.arrays["trigger_time"], 0.001 * np.arange(3))
 
@@ -136,7 +136,7 @@ def recording(tmp_path: Path) -> list[Path]:
         path = tmp_path / f"slice-{k}.tif"
         file = oiio.ImageOutput.create(str(path))
         file.open(str(path), oiio.ImageSpec(16, 12, 1, oiio.UINT16))
-        file.write_image(PIXELS + k)
+        file.write_image((PIXELS + np.uint16(k))[..., None])
         file.close()
         paths.append(path)
     depth = np.full((12, 16), 5000.0)
@@ -194,10 +194,8 @@ def test_a_wrong_mapping_is_refused(change: str, said: str, recording: list[Path
 def test_frames_that_are_no_counts_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "range.npy", np.full((12, 16), 5.0))
     np.save(tmp_path / "frames.npy", PIXELS[None] + 0.5)
-    mapping = gated_mapping(
-        tmp_path,
-        axes='axes = ["row", "col"]\nstack = "slice" => files = ["frames.npy"]\naxes = ["slice", "row", "col"]',
-    )
+    change = 'axes = ["row", "col"]\nstack = "slice" => files = ["frames.npy"]\naxes = ["slice", "row", "col"]'
+    mapping = gated_mapping(tmp_path, axes=change)
     with pytest.raises(InputError, match="not whole counts"):
         beambench.import_([tmp_path], map=mapping, out=tmp_path / "out.zarr")
 
@@ -210,8 +208,8 @@ modality = "waveform"
 truth_kind = "none"
 [data.signal]
 files = ["tags.csv"]
-units = "ps"
-tags = { time = "ps", shot = "shot", shots = 2, start_s = 0.0, step_s = 1.0e-10, samples = 4 }
+units = "electron"
+tags = { time = "ps", units = "ps", shot = "shot", shots = 2, start_s = 0.0, step_s = 1.0e-10, samples = 4 }
 [coords.time]
 even = { start = 0.0, step = 0.1 }
 units = "ns"

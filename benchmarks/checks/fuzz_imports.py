@@ -2,8 +2,8 @@
 
     python -m beambench.benchmarks.checks.fuzz_imports [COUNT [SEED]]
 
-One small sound file of each kind is made, then changed at random: bytes, runs of bytes, numbers of its header, cuts, repeats. COUNT files in all,
-10,000 by default, take some minutes. Prints a line for each kind; exit code 1 where a reader did anything else.
+One small sound file of each kind is made, then changed at random: bytes, runs of bytes, numbers of its header, cuts, repeats.
+COUNT files in all, 10,000 by default, take some minutes. Prints a line for each kind; exit code 1 where a reader did else.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _picture(path: Path) -> None:
     kind = oiio.FLOAT if path.suffix == ".exr" else oiio.UINT16
     file = oiio.ImageOutput.create(str(path))
     file.open(str(path), oiio.ImageSpec(16, 12, 1, kind))
-    file.write_image(values)
+    file.write_image(values[..., None])
     file.close()
 
 

@@ -2,8 +2,8 @@
 
     python -m beambench.benchmarks.checks.real_captures FOLDER [PART…]
 
-FOLDER holds the folders of docs/real-captures.md; PART is one of gated, lecroy, spad, sensors, lines (all by default; the last
-two take minutes). The captures are those of `beambench import`, by the shipped mappings. No figure here says more than the caution below
+FOLDER holds the folders of docs/real-captures.md; PART: gated, lecroy, spad, sensors, lines (all by default; the last two take
+minutes). The captures are those of `beambench import`, by the shipped mappings. No figure here says more than the caution below
 its table allows.
 """
 
@@ -114,8 +114,8 @@ def sensors(folder: Path) -> Iterator[Row]:
                 continue
             try:
                 one = compared(place, sensor, label)
-                text = (f"{one.found} of {one.lenslets} spots, {one.both} in common: slopes differ by {one.slope_rms_px:.3f} px rms "
-                        f"of {one.slopes_px:.2f}, Z04 to Z22 by {one.zernike_rms_nm:.0f} nm rms")  # fmt: skip
+                text = (f"{one.found} of {one.lenslets} spots, {one.both} in common: slopes differ by {one.slope_rms_px:.3f} px "
+                        f"rms of {one.slopes_px:.2f}, Z04 to Z22 by {one.zernike_rms_nm:.0f} nm rms")  # fmt: skip
             except InputError as error:
                 text = f"refused: {error.what}"
             yield sensor, label, text
