@@ -190,6 +190,14 @@ generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False
 generate: --workers <number> default None
 generate: SOURCE <text> default None
+import: --debug <flag> default False
+import: --json <flag> default False
+import: --map <text> default None
+import: --modality <text> default ''
+import: --out -o <text> default None
+import: --overwrite <flag> default False
+import: --scaffold <flag> default False
+import: FILES <text...> required
 report: --debug <flag> default False
 report: --json <flag> default False
 report: FOLDER <text> required
