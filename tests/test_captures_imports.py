@@ -287,3 +287,46 @@ def test_the_unusable_frame_is_refused(real_data: Path, tmp_path: Path, capsys: 
     assert cli.main(["import", folder, "--map", "sh_mmtwfs-bogus", "-o", str(tmp_path / "bad.zarr")]) == 2
     assert "too few spots" in capsys.readouterr().err
     assert not (tmp_path / "bad.zarr").exists()
+
+
+def _commands(page: Path) -> list[list[str]]:
+    found = [line.split("#")[0].split() for line in page.read_text().splitlines() if line.startswith("    beambench ")]
+    return [words[1:] for words in found]
+
+
+def test_the_commands_of_the_page_run(
+    project: Path, recording: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first three of docs/importing.md, as typed, on frames of that place; its mapping is the one that they need."""
+    page = project / "docs" / "importing.md"
+    first = [words for words in _commands(page) if not any(word.startswith("real/") for word in words)]
+    assert [words[0] for words in first] == ["import", "import", "data"]
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for path in recording:
+        path.rename(frames / path.name)
+    monkeypatch.chdir(tmp_path)
+    for words in first:
+        typed = [name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
+        assert cli.main(typed) == 0
+        if "--scaffold" in words:
+            text = page.read_text()
+            begin = text.index("```toml\n") + len("```toml\n")
+            (tmp_path / "mapping.toml").write_text(text[begin : text.index("```", begin)])
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_the_pages_commands_import_every_folder(
+    project: Path, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long_run: None
+) -> None:
+    pytest.importorskip("astropy", reason="astropy is not installed (extra `imports`)")
+    (tmp_path / "real").symlink_to(real_data)
+    monkeypatch.chdir(tmp_path)
+    commands = [words for words in _commands(project / "docs" / "importing.md") if words[1].startswith("real/")]
+    assert len(commands) == 5
+    for words in commands:
+        assert cli.main(words) == 0
+    stores = [*tmp_path.glob("*.zarr"), *tmp_path.glob("*/*.zarr")]
+    assert len(stores) == 11
+    assert all(not verify(store) for store in stores)
