@@ -51,7 +51,7 @@ def generate(
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.
-        truth_components: Store parts of the light, too: direct, between surfaces, scattered once, repeatedly. Needs `fidelity` full.
+        truth_components: Store parts of the light: direct, between surfaces, scattered once, repeatedly. Needs `fidelity` full.
         sealed: File of a secret key: captures of a suite with seeds that nobody knows, without truth (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
