@@ -46,7 +46,7 @@ def test_a_sequence_of_an_oscilloscope(tmp_path: Path) -> None:
     sample_trc(path)
     found = read_recording(path)
     assert np.allclose(found.arrays["signal"].ravel(), np.arange(60) / 1024 - 0.5, atol=1e-12)
-    assert np.allclose(found.arrays["time"], -5e-9 + 1e-9 * np.arange(20), atol=1e-16)
+    assert np.allclose(found.arrays["time"], -5e-9 + 1e-9 * np.arange(20), atol=1e-15)  # the interval has 32 bits
     assert np.allclose(found.arrays["start"], 0.25e-9 * np.arange(3), atol=1e-16)
     assert np.allclose(found.arrays["trigger_time"], 0.001 * np.arange(3))
 
@@ -136,7 +136,7 @@ def recording(tmp_path: Path) -> list[Path]:
         path = tmp_path / f"slice-{k}.tif"
         file = oiio.ImageOutput.create(str(path))
         file.open(str(path), oiio.ImageSpec(16, 12, 1, oiio.UINT16))
-        file.write_image(PIXELS + k)
+        file.write_image((PIXELS + np.uint16(k))[..., None])
         file.close()
         paths.append(path)
     depth = np.full((12, 16), 5000.0)
@@ -194,10 +194,8 @@ def test_a_wrong_mapping_is_refused(change: str, said: str, recording: list[Path
 def test_frames_that_are_no_counts_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "range.npy", np.full((12, 16), 5.0))
     np.save(tmp_path / "frames.npy", PIXELS[None] + 0.5)
-    mapping = gated_mapping(
-        tmp_path,
-        axes='axes = ["row", "col"]\nstack = "slice" => files = ["frames.npy"]\naxes = ["slice", "row", "col"]',
-    )
+    change = 'axes = ["row", "col"]\nstack = "slice" => files = ["frames.npy"]\naxes = ["slice", "row", "col"]'
+    mapping = gated_mapping(tmp_path, axes=change)
     with pytest.raises(InputError, match="not whole counts"):
         beambench.import_([tmp_path], map=mapping, out=tmp_path / "out.zarr")
 
@@ -210,8 +208,8 @@ modality = "waveform"
 truth_kind = "none"
 [data.signal]
 files = ["tags.csv"]
-units = "ps"
-tags = { time = "ps", shot = "shot", shots = 2, start_s = 0.0, step_s = 1.0e-10, samples = 4 }
+units = "electron"
+tags = { time = "ps", units = "ps", shot = "shot", shots = 2, start_s = 0.0, step_s = 1.0e-10, samples = 4 }
 [coords.time]
 even = { start = 0.0, step = 0.1 }
 units = "ns"
@@ -289,3 +287,46 @@ def test_the_unusable_frame_is_refused(real_data: Path, tmp_path: Path, capsys: 
     assert cli.main(["import", folder, "--map", "sh_mmtwfs-bogus", "-o", str(tmp_path / "bad.zarr")]) == 2
     assert "too few spots" in capsys.readouterr().err
     assert not (tmp_path / "bad.zarr").exists()
+
+
+def _commands(page: Path) -> list[list[str]]:
+    found = [line.split("#")[0].split() for line in page.read_text().splitlines() if line.startswith("    beambench ")]
+    return [words[1:] for words in found]
+
+
+def test_the_commands_of_the_page_run(
+    project: Path, recording: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first three of docs/importing.md, as typed, on frames of that place; its mapping is the one that they need."""
+    page = project / "docs" / "importing.md"
+    first = [words for words in _commands(page) if not any(word.startswith("real/") for word in words)]
+    assert [words[0] for words in first] == ["import", "import", "data"]
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for path in recording:
+        path.rename(frames / path.name)
+    monkeypatch.chdir(tmp_path)
+    for words in first:
+        typed = [name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
+        assert cli.main(typed) == 0
+        if "--scaffold" in words:
+            text = page.read_text()
+            begin = text.index("```toml\n") + len("```toml\n")
+            (tmp_path / "mapping.toml").write_text(text[begin : text.index("```", begin)])
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_the_pages_commands_import_every_folder(
+    project: Path, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long_run: None
+) -> None:
+    pytest.importorskip("astropy", reason="astropy is not installed (extra `imports`)")
+    (tmp_path / "real").symlink_to(real_data)
+    monkeypatch.chdir(tmp_path)
+    commands = [words for words in _commands(project / "docs" / "importing.md") if words[1].startswith("real/")]
+    assert len(commands) == 5
+    for words in commands:
+        assert cli.main(words) == 0
+    stores = [*tmp_path.glob("*.zarr"), *tmp_path.glob("*/*.zarr")]
+    assert len(stores) == 11
+    assert all(not verify(store) for store in stores)

@@ -33,5 +33,5 @@ IMPORT = command(
     View(_text, _json),
     examples="Examples:\n  beambench import frame-*.tif --scaffold --modality gated -o mapping.toml\n"
     "  beambench import frame-*.tif --map mapping.toml -o real.zarr\n"
-    "  beambench import C1Trace00000.trc --map lecroy-records -o pulses.zarr",
+    "  beambench import pulse.trc --map wf_lecroy-pulse -o pulse.zarr",
 )

@@ -79,8 +79,8 @@ def calibrate(
     for procedure, made in found.items():
         values, sigmas = _values(made)
         record = {"procedure": procedure, "data": [Path(store).name for store in stores], **made.used}
-        base = base.updated(values, sigmas, record) if base is not None else RigFile(
-            kind=kind, rig={"kind": kind}).updated(values, sigmas, record)  # fmt: skip
+        start = base if base is not None else RigFile.model_construct(kind=kind, rig={})
+        base = start.updated(values, sigmas, record)
     assert base is not None
     write_rig_file(path, base)
     return Calibration(found, {name: why for name, why in lacking.items() if why}, base, path)

@@ -45,21 +45,19 @@ def generate(
 ) -> Generated:
     """Generate captures with exact truth from a scene, a suite or a data set, and store them.
 
-    The captures of a scene, one per seed, go into one store; those of a data set, whose parameters are drawn, too. Those of a
-    suite, its test captures without stress, go into one store per scene, inside the folder `out`.
+    Those of a scene, one per seed, and of a data set go into one store; a suite's, without stress, into one per scene in `out`.
 
     Main arguments:
         source: Name of a scene, a suite or a data set, or a .toml or .json file; in Python also a scene or a data set as data.
         overrides: {path: value}, applied before validation.
     Other arguments:
-        rig: A rig file, as `beambench calibrate` writes it, whose values the scene's rig gets; those of `overrides` stand over it.
+        rig: A rig file of `beambench calibrate`, whose values the scene's rig gets; those of `overrides` stand over it.
         seeds: Seed of a scene's capture, a whole number; 0 by default. A suite and a data set have seeds of their own.
         fidelity: Rung of the forward model, the suite's or the cheapest by default; auto: the cheapest with an error below `rtol`.
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.
-        truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered
-            repeatedly (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
+        truth_components: Store parts of the light: direct, between surfaces, scattered once, repeatedly. Needs `fidelity` full.
         sealed: File of a secret key: captures of a suite with seeds that nobody knows, without truth (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
@@ -77,11 +75,8 @@ def generate(
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`, `script`; with `like` `comparison`, `differing`,
-    `equal`.
-
-    Raises:
-        InputError: Bad input, an output that exists, or one to resume that holds other captures.
+    Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`, `script`; with `like` `comparison`, `differing`, `equal`.
+    Raises InputError: bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..scenes.places import local_path
 

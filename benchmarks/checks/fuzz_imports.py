@@ -2,8 +2,8 @@
 
     python -m beambench.benchmarks.checks.fuzz_imports [COUNT [SEED]]
 
-One small sound file of each kind is made, then changed at random: bytes, runs of bytes, numbers of its header, cuts, repeats. COUNT files in all,
-10,000 by default, take some minutes. Prints a line for each kind; exit code 1 where a reader did anything else.
+One small sound file of each kind is made, then changed at random: bytes, runs of bytes, numbers of its header, cuts, repeats.
+COUNT files in all, 10,000 by default, take some minutes. Prints a line for each kind; exit code 1 where a reader did else.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...captures.imports.files import read_recording
 from ...scenes.errors import InputError
@@ -30,18 +32,18 @@ _SLOW_S, _MOST_BYTES = 20.0, 2 * 2**30
 _EXTREME = (b"\xff\xff\xff\xff", b"\x00\x00\x00\x00", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80")
 
 
-def _pixels() -> np.ndarray:
+def _pixels() -> npt.NDArray[np.uint16]:
     return np.arange(12 * 16, dtype=np.uint16).reshape(12, 16)
 
 
 def _picture(path: Path) -> None:
     import OpenImageIO as oiio
 
-    values = _pixels().astype(np.float32) if path.suffix == ".exr" else _pixels()
+    values: npt.NDArray[Any] = _pixels().astype(np.float32) if path.suffix == ".exr" else _pixels()
     kind = oiio.FLOAT if path.suffix == ".exr" else oiio.UINT16
     file = oiio.ImageOutput.create(str(path))
     file.open(str(path), oiio.ImageSpec(16, 12, 1, kind))
-    file.write_image(values)
+    file.write_image(values[..., None])
     file.close()
 
 
@@ -79,6 +81,10 @@ def _spe(path: Path) -> None:
     path.write_bytes(bytes(head) + _pixels().tobytes())
 
 
+def _csv(path: Path) -> None:
+    path.write_text("time,signal\n" + "\n".join(f"{k * 1e-9},{k}" for k in range(20)))
+
+
 def sample_trc(path: Path, segments: int = 3, samples: int = 20) -> None:
     """A LeCroy sequence of 16 bit codes 0, 1, 2, …; gain 1/1024 V, offset .5 V, 1 ns, each segment begins k·0.25 ns later."""
     head = bytearray(346)
@@ -109,7 +115,7 @@ SAMPLES: dict[str, Callable[[Path], None]] = {
     ".mat": _mat,
     ".spe": _spe,
     ".trc": sample_trc,
-    ".csv": lambda path: path.write_text("time,signal\n" + "\n".join(f"{k * 1e-9},{k}" for k in range(20))) and None,
+    ".csv": _csv,
 }
 
 

@@ -2,8 +2,8 @@
 
     python -m beambench.benchmarks.checks.real_captures FOLDER [PART…]
 
-FOLDER holds the folders of docs/real-captures.md; PART is one of gated, lecroy, spad, sensors, lines (all by default; the last
-two take minutes). The captures are those of `beambench import`, by the shipped mappings. No figure here says more than the caution below
+FOLDER holds the folders of docs/real-captures.md; PART: frames, lecroy, spad, sensors, lines (all by default; the last two take
+minutes). The captures are those of `beambench import`, by the shipped mappings. No figure here says more than the caution below
 its table allows.
 """
 
@@ -24,7 +24,7 @@ from ..datasets.imported import imported_captures, mappings_of
 from .laser_stereo15 import LINES, WALLS, on_plane, planes_of, read_image, wall_of
 from .sh_mmtwfs import BOGUS, PAIRS, compared
 
-__all__ = ["PARTS", "Row", "gated", "lecroy", "lines", "main", "sensors", "spad"]
+__all__ = ["PARTS", "Row", "frames", "lecroy", "lines", "main", "sensors", "spad"]
 
 #: capture, estimator, what came of it.
 Row = tuple[str, str, str]
@@ -56,7 +56,7 @@ def _reads(modality: str) -> list[str]:
     return [name for name in list_estimators(modality) if get_estimator(name).reads_captures]
 
 
-def gated(folder: Path) -> Iterator[Row]:
+def frames(folder: Path) -> Iterator[Row]:
     """Frames of a gated camera without gate profiles: their statistics, and that each estimator refuses."""
     for mapping in mappings_of("gated_g2d").values():
         for number, capture in enumerate(imported_captures(mapping, [folder / "gated_g2d"])):
@@ -114,8 +114,8 @@ def sensors(folder: Path) -> Iterator[Row]:
                 continue
             try:
                 one = compared(place, sensor, label)
-                text = (f"{one.found} of {one.lenslets} spots, {one.both} in common: slopes differ by {one.slope_rms_px:.3f} px rms "
-                        f"of {one.slopes_px:.2f}, Z04 to Z22 by {one.zernike_rms_nm:.0f} nm rms")  # fmt: skip
+                text = (f"{one.found} of {one.lenslets} spots, {one.both} in common: slopes differ by {one.slope_rms_px:.3f} px "
+                        f"rms of {one.slopes_px:.2f}, Z04 to Z22 by {one.zernike_rms_nm:.0f} nm rms")  # fmt: skip
             except InputError as error:
                 text = f"refused: {error.what}"
             yield sensor, label, text
@@ -152,7 +152,7 @@ def lines(folder: Path) -> Iterator[Row]:
 
 #: Part -> (rows, what its figures do not say).
 PARTS: dict[str, tuple[Callable[[Path], Iterator[Row]], str]] = {
-    "gated": (gated, "the gate profiles are not part of the recording: no range can be had, and the lidar's depth judges none"),
+    "frames": (frames, "the gate profiles are not part of the recording: no range can be had, and the lidar's depth judges none"),
     "lecroy": (lecroy, "the response is the mean record itself and the source is unknown: scatter is meaningful, the mean is not"),
     "spad": (spad, "the response is the mean of the records themselves; their zero, the peak, is by construction"),
     "sensors": (sensors, "the authors' package is a reference algorithm, whose releases differ by 80 nm in Z10"),

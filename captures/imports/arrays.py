@@ -142,13 +142,13 @@ def _given(variable: Variable, spec: Values, files: Files, names: tuple[str, ...
                 "The fact of the header is no number.", where=f"{where}.header", value=facts[spec.header]
             ) from error
     if spec.tags is not None:
-        return _counted(files.read(paths[0]), spec.tags, spec, where)
+        return _counted(files.read(paths[0]), spec.tags, where)
     return _stacked(variable, spec, files, paths, where)
 
 
-def _counted(recording: Recording, tags: Tags, spec: Values, where: str) -> Array:
+def _counted(recording: Recording, tags: Tags, where: str) -> Array:
     """Histogram (shot, sample) of time tags."""
-    _, scale = factor(spec.units if spec.units in ("s", "ms", "us", "µs", "ns", "ps") else "", ("s",), where)
+    _, scale = factor(tags.units, ("s",), f"{where}.tags")
     time = np.asarray(recording.array(tags.time, where), np.float64).ravel() * scale
     shot = np.zeros(time.size, np.int64)
     if tags.shot:

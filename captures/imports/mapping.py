@@ -32,13 +32,14 @@ class Tags(Spec):
     """Time tags of single photons, to be counted in bins of a record per shot.
 
     Main arguments:
-        time: array or column of the tags; `units` of the variable are theirs.
+        time: array or column of the tags. units: theirs, e.g. "ps"; those of the variable are of its counts.
         start_s, step_s, samples: bin k holds tags of start + (k ± ½)·step.
     Other arguments:
         shot: array or column of the shot's number from 0; absent: all tags are of one shot. shots: their number.
     """
 
     time: Name
+    units: Name
     start_s: float
     step_s: Annotated[float, Field(gt=0)]
     samples: Annotated[int, Field(ge=4, le=65536)]

@@ -52,7 +52,7 @@ def lenslets_of_reference(
     pupil = float(parameters["pupil_px"]) if isinstance(parameters.get("pupil_px"), int | float) else 0.0
     if not (pitch >= 3.0 and pupil > pitch):
         raise InputError(
-            "The lenslets cannot be found with these sizes.", where="rig.parameters.pupil_px",
+            "The reference cannot be searched for lenslets of these sizes.", where="rig.parameters.pupil_px",
             value=f"a pitch of {pitch:.3g} px, a pupil of {pupil:g} px", allowed="a pitch of 3 px or more, and a wider pupil",
         )  # fmt: skip
     frames = np.asarray(data["counts"], np.float64)
