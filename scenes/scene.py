@@ -59,9 +59,7 @@ class TargetObject(Spec):
         if self.texture is not None and isinstance(self.shape, Box):
             raise ValueError("a box has no texture coordinates: make it of rectangles")
         if self.texture is not None and isinstance(self.shape, Procedural):
-            raise ValueError(
-                "a procedural shape has no texture coordinates: give its parts materials of their own"
-            )
+            raise ValueError("a procedural shape has no texture coordinates: give its parts materials of their own")
         return self
 
     @model_serializer(mode="wrap")

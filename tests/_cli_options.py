@@ -179,6 +179,7 @@ generate: --seeds <number...> default None
 generate: --set <text...> default None
 generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False
+generate: --truth-instances <flag> default False
 generate: --workers <number> default None
 generate: SOURCE <text> default None
 report: --debug <flag> default False

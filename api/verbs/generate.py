@@ -27,6 +27,7 @@ def generate(
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: bool = False,
     truth_components: bool = False,
+    truth_instances: bool = False,
     sealed: str | Path | None = None,
     like: str | Path | None = None,
     plan: bool = False,
@@ -50,8 +51,9 @@ def generate(
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.
-        truth_components: Store the parts of the light, too: direct, reflected between surfaces, scattered once, scattered
-            repeatedly (`truth_direct`, `truth_interreflection`, `truth_single`, `truth_multiple`). Needs `fidelity` full.
+        truth_components: Store what the light is the sum of, too: `truth_direct` and `truth_ambient`; with `fidelity` scatter
+            `truth_scattered`, with full `truth_interreflection`, `truth_single` (scattered once) and `truth_multiple`.
+        truth_instances: Store which piece of the target each pixel sees, too (`truth_instance`).
         sealed: File of a secret key: captures of a suite with seeds that nobody knows, without truth (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
@@ -73,7 +75,8 @@ def generate(
     place, changes = None if out is None else local_path(out), dict(overrides or {})
     given: dict[str, Any] = {
         "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
-        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
+        "--truth-electrons": truth_electrons, "--truth-components": truth_components,
+        "--truth-instances": truth_instances, "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
@@ -100,7 +103,7 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
 
     _check_request(source, how.out, how.resume, how.overwrite)
     key = None if given["--sealed"] is None else read_key(given["--sealed"])
-    names = ("fidelity", "rtol", "truth_electrons", "truth_components")
+    names = ("fidelity", "rtol", "truth_electrons", "truth_components", "truth_instances")
     asked = {name: given["--" + name.replace("_", "-")] for name in names}
     if is_dataset(source) and key is not None:
         raise InputError("Only a suite can be sealed.", where="--sealed", value=str(source), next_step="name a suite")
@@ -109,8 +112,8 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
         return _data_set(source, changes | own, given["--seeds"], how)
     if how.workers is not None:
         raise InputError("Only a data set is made by several workers.", where="--workers", value=how.workers)
-    rung, rtol, electrons, components = asked.values()
-    groups = items_of(source, changes, given["--seeds"], rung, rtol, electrons, components, key)
+    rung, rtol, electrons, components, instances = asked.values()
+    groups = items_of(source, changes, given["--seeds"], rung, rtol, electrons, components, instances, key)
     return _make(str(source), groups, how.plan, how.out, how.resume, how.overwrite, how.progress)
 
 

@@ -197,7 +197,7 @@ class Tracer:
         return hidden
 
     def instances(self, hits: Hits) -> NDArray[np.int32]:
-        """Number of the instance of each hit: pieces of all objects, counted through in the scene's order; −1 where nothing is hit."""
+        """Number of the instance of each hit: pieces of all objects, counted through in their order; −1 for nothing."""
         first = np.concatenate([np.cumsum([0, *self.pieces[:-1]]), [0]]).astype(np.int32)
         return np.where(hits.target >= 0, first[hits.target] + hits.piece, np.int32(-1))
 
