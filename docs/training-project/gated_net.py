@@ -1,4 +1,4 @@
-"""gated-net: a small network reads each pixel of a gated stack. Inference needs NumPy alone; train_gated_net.py makes the weights."""
+"""gated-net: a small network reads each pixel of a gated stack. It needs NumPy alone; train_gated_net.py makes the weights."""
 
 from __future__ import annotations
 
@@ -91,7 +91,9 @@ def read_weights(path: str | None) -> dict[str, Float]:
             next_step="python train_gated_net.py DATA --out gated_net.npz",
         ) from error  # fmt: skip
     if weights["centre"].shape != (FEATURES,) or not all(np.isfinite(value).all() for value in weights.values()):
-        raise InputError("The weights of gated-net have the wrong shape.", where=str(file), allowed=f"{FEATURES} features")
+        raise InputError(
+            "The weights of gated-net have the wrong shape.", where=str(file), allowed=f"{FEATURES} features"
+        )
     return weights
 
 

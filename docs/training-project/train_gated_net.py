@@ -9,6 +9,7 @@ NumPy alone: Adam on the Gaussian likelihood of place and standard error. Equal 
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def train(features: Float, true: Float, *, epochs: int, seed: int) -> dict[str, 
     centre, spread = features.mean(axis=0), features.std(axis=0)
     scale = np.where(spread > 1e-6, 1.0 / np.maximum(spread, 1e-6), 0.0)
     sizes = (FEATURES, HIDDEN, HIDDEN, 2)
-    weights = {f"w{i}": rng.standard_normal((a, b)) / np.sqrt(a) for i, (a, b) in enumerate(zip(sizes, sizes[1:]))}
+    weights = {f"w{i}": rng.standard_normal((a, b)) / np.sqrt(a) for i, (a, b) in enumerate(pairwise(sizes))}
     weights |= {f"b{i}": np.zeros(b) for i, b in enumerate(sizes[1:])}
     first, second = ({name: np.zeros_like(value) for name, value in weights.items()} for _ in range(2))
     scaled = (features - centre) * scale
@@ -116,7 +117,9 @@ def main() -> None:
     weights = calibrated(weights, *parts["validation"])
     place, _ = forward(weights, parts["validation"][0])
     error = place - parts["validation"][1]
-    print(f"{len(parts['train'][1])} pixels to train on; error on {error.size} others: {np.sqrt(np.mean(error**2)):.3g} steps rms")
+    print(
+        f"{len(parts['train'][1])} pixels to train on; error on {error.size} others: {np.sqrt(np.mean(error**2)):.3g} steps rms"
+    )
     np.savez(given.out, **{name: value.astype(np.float32) for name, value in weights.items()})  # type: ignore[arg-type]
 
 
