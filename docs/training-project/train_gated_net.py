@@ -3,7 +3,8 @@
     beambench generate gated-10k --set captures=64 -o gated-64
     python train_gated_net.py gated-64 --out gated_net.npz
 
-Set OPENBLAS_NUM_THREADS=1 on a busy machine. NumPy alone: Adam on the Gaussian likelihood of place and standard error. Equal data and seed give equal weights on one machine.
+NumPy alone: Adam on the Gaussian likelihood of place and standard error. Equal data and seed give equal weights on one machine.
+On a busy machine, set OPENBLAS_NUM_THREADS=1: the matrices are small.
 """
 
 from __future__ import annotations
