@@ -25,14 +25,17 @@ LAYERS = ("w0", "b0", "w1", "b1", "w2", "b2")
 def features_of(capture: xr.Dataset) -> tuple[Float, Float, float, npt.NDArray[np.bool_]]:
     """(features (row, col, FEATURES), delay of the brightest slice [s] (row, col), step of the delays [s], sound (row, col)).
 
-    All are relative to the brightest slice and to the step, so that what is learned at one range holds at all. The instrument
-    enters as samples of its response.
+    Slices finer than the response's standard deviation are averaged in groups of about that width, which stand for slices. All
+    is relative to the brightest slice and to the step, so that what is learned at one range holds at all. The instrument enters as
+    samples of its response.
     """
     stack = read_stack(capture)
     rig = stack.instrument
     n = stack.signal
     shape = stack.counts.shape[1:]
-    if n < WINDOW:
+    response = rig.responses[int(stack.gate[0])] if n else None
+    bins = max(1, round(float(np.sqrt(response.variance_s2)) / stack.spacing_s())) if response is not None else 1
+    if response is None or n // bins < WINDOW:
         return np.zeros((*shape, FEATURES)), np.zeros(shape), 1.0, np.zeros(shape, bool)
     light, reads = np.zeros((n, *shape)), np.zeros(n)
     sound = np.ones(shape, bool)
@@ -43,7 +46,9 @@ def features_of(capture: xr.Dataset) -> tuple[Float, Float, float, npt.NDArray[n
             light[group] += (np.nan_to_num(counts) - rig.offset_dn) / rig.dn_per_pe
             reads[group] += 1.0
     light /= reads[:, None, None]
-    step = stack.spacing_s()
+    delay, step, n = stack.centroid_delay_s, bins * stack.spacing_s(), n // bins
+    light = light[: n * bins].reshape(n, bins, *shape).mean(axis=1)
+    delay = delay[: n * bins].reshape(n, bins).mean(axis=1)
     background = np.median(light, axis=0)
     smooth = light[:-2] + 2.0 * light[1:-1] + light[2:]
     brightest = 1 + smooth.argmax(axis=0)
@@ -52,20 +57,19 @@ def features_of(capture: xr.Dataset) -> tuple[Float, Float, float, npt.NDArray[n
     window = np.take_along_axis(light, np.clip(index, 0, n - 1), axis=0)
     window = np.where(inside, window - background, 0.0)
     peak = np.maximum(window.max(axis=0), 1e-3)
-    noise = np.sqrt(rig.excess * np.maximum(peak + background, 0.0) + rig.floor_var)
-    response = rig.responses[int(stack.gate[0])]
+    noise = np.sqrt(rig.excess * np.maximum(peak + background, 0.0) + rig.floor_var) / np.sqrt(bins)
     offset = response.centroid_s - step * np.arange(-REACH, REACH + 1)
     expected = response(offset)[0] / response.peak
     rows = [
         window / peak,
         np.broadcast_to(expected[:, None, None], window.shape),
-        np.log10(peak)[None],
-        np.log10(np.maximum(background, 0.0) + 1.0)[None],
+        np.log10(bins * peak)[None],
+        np.log10(bins * np.maximum(background, 0.0) + 1.0)[None],
         np.log10(peak / noise)[None],
         (~inside).sum(axis=0)[None] / WINDOW,
     ]
     features = np.moveaxis(np.concatenate(rows), 0, -1)
-    return features, stack.centroid_delay_s[brightest], step, sound
+    return features, delay[brightest], step, sound
 
 
 def forward(weights: dict[str, Float], features: Float) -> tuple[Float, Float]:
