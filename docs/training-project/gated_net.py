@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 
@@ -34,7 +35,7 @@ def features_of(capture: xr.Dataset) -> tuple[Float, Float, float, npt.NDArray[n
     n = stack.signal
     shape = stack.counts.shape[1:]
     response = rig.responses[int(stack.gate[0])] if n else None
-    bins = max(1, round(float(np.sqrt(response.variance_s2)) / stack.spacing_s())) if response is not None else 1
+    bins = 1 if response is None else math.ceil(np.sqrt(response.variance_s2) / stack.spacing_s() - 0.01)
     if response is None or n // bins < WINDOW:
         return np.zeros((*shape, FEATURES)), np.zeros(shape), 1.0, np.zeros(shape, bool)
     light, reads = np.zeros((n, *shape)), np.zeros(n)
