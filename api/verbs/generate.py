@@ -51,8 +51,7 @@ def generate(
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.
-        truth_components: Store what the light is the sum of, too: `truth_direct` and `truth_ambient`; with `fidelity` scatter
-            `truth_scattered`, with full `truth_interreflection`, `truth_single` (scattered once) and `truth_multiple`.
+        truth_components: Store what the light is the sum of, too (`truth_direct`, `truth_ambient`, …; docs/procedural-shapes.md).
         truth_instances: Store which piece of the target each pixel sees, too (`truth_instance`).
         sealed: File of a secret key: captures of a suite with seeds that nobody knows, without truth (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
@@ -66,17 +65,15 @@ def generate(
         progress: Receives every step.
 
     Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`; with `like` `comparison`, `differing`, `equal`.
-
-    Raises:
-        InputError: Bad input, an output that exists, or one to resume that holds other captures.
+    Raises InputError: bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
     given: dict[str, Any] = {
         "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
-        "--truth-electrons": truth_electrons, "--truth-components": truth_components,
-        "--truth-instances": truth_instances, "--sealed": sealed, "--resume": resume,
+        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--truth-instances": truth_instances,
+        "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
