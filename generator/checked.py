@@ -29,6 +29,7 @@ def checked(
     rtol: Rtol,
     truth_electrons: bool = False,
     truth_components: bool = False,
+    truth_instances: bool = False,
     tracer: Tracer | None = None,
     name: Callable[[str], str] = str,
 ) -> Request:
@@ -40,7 +41,7 @@ def checked(
 
     Raises:
         InputError: a seed, a rung or an rtol that does not exist; a rung that is not built for the scene's modality, that
-            cannot model its rig, or that cannot keep the components of light apart.
+            cannot model its rig, or that cannot keep the components of light apart; a modality without instances.
     """
     if fidelity not in get_args(Fidelity):
         raise InputError(
@@ -56,14 +57,20 @@ def checked(
             value=fidelity, allowed=", ".join(f'"{rung}"' for rung in (*model.rungs, "auto")),
         )  # fmt: skip
     if truth_components and fidelity not in model.apart:
-        rungs = " and ".join(model.apart)
+        rungs = ", ".join(model.apart)
         raise InputError(
-            f"The components of light are kept apart by {f'the rung {rungs} only' if rungs else 'no rung of this modality'}.",
+            f"The components of light are kept apart by {f'these rungs only: {rungs}' if rungs else 'no rung of this modality'}.",
             where=f"{scene.name}: {name('truth_components')}", value=fidelity,
             next_step=f'fidelity="{model.apart[0]}"' if rungs else f"leave out {name('truth_components')}",
         )  # fmt: skip
+    if truth_instances and not model.instances:
+        raise InputError(
+            "Captures of this modality do not tell which piece of the target they see.",
+            where=f"{scene.name}: {name('truth_instances')}", value=model.name,
+            next_step=f"leave out {name('truth_instances')}",
+        )  # fmt: skip
     model.check(scene, fidelity)
-    return Request(seed, capture_key, fidelity, rtol, truth_electrons, truth_components, tracer)
+    return Request(seed, capture_key, fidelity, rtol, truth_electrons, truth_components, truth_instances, tracer)
 
 
 def _checked_rtol(fidelity: str, rtol: Any, name: Callable[[str], str]) -> Rtol:

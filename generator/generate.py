@@ -41,6 +41,7 @@ def generate(
     rtol: Rtol = 3e-3,
     truth_electrons: bool = False,
     truth_components: bool = False,
+    truth_instances: bool = False,
     tracer: Tracer | None = None,
 ) -> xr.Dataset:
     """Generate one capture with its truth.
@@ -56,8 +57,9 @@ def generate(
         rtol: relative error of the expected stack aimed at by sub-pixel sampling, and by the number of paths; with "auto"
             also "noise": one standard deviation of the detector's noise.
         truth_electrons: also keep the noise-free expectation of every sample.
-        truth_components: also keep the stacks that the lamp's light is the sum of: truth_direct, truth_interreflection,
-            truth_single (scattered once) and truth_multiple; with the full rung only.
+        truth_components: also keep what the light is the sum of: truth_direct; truth_scattered with the scatter rung, or
+            truth_interreflection, truth_single (scattered once) and truth_multiple with the full rung; and truth_ambient.
+        truth_instances: also keep the number of the piece of the target that is seen, truth_instance.
         tracer: reuse a tracer of the same target.
 
     Raises:
@@ -70,7 +72,7 @@ def generate(
     fidelity = fidelity or first_rung(scene)
     request = checked(
         scene, seed=seed, capture_key=key, fidelity=fidelity, rtol=rtol, truth_electrons=truth_electrons,
-        truth_components=truth_components, tracer=tracer,
+        truth_components=truth_components, truth_instances=truth_instances, tracer=tracer,
     )  # fmt: skip
     made = expected_of(scene, request)
     return drawn_of(scene, made, request)

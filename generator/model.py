@@ -57,7 +57,7 @@ class Model(Generic[LightT]):
         choose: (scene, request) -> the cheapest rung whose predicted error passes. Raises InputError where none does.
     Other arguments:
         check: (scene, rung) -> None; raises InputError for a rig that the rung ("auto": any rung) does not model.
-        apart: rungs that can keep the components of light apart.
+        apart: rungs that can keep the components of light apart. instances: whether it tells which piece of the target is seen.
         clock: the coordinate that the declared time zero is added to.
     """
 
@@ -69,4 +69,5 @@ class Model(Generic[LightT]):
     choose: Callable[[Scene, Request], Choice]
     check: Callable[[Scene, str], None] = _anything
     apart: tuple[str, ...] = ()
+    instances: bool = False
     clock: str = ""

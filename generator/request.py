@@ -25,6 +25,7 @@ class Request:
     rtol: Rtol
     truth_electrons: bool = False
     truth_components: bool = False
+    truth_instances: bool = False
     tracer: Tracer | None = None
     choice: Choice | None = None
 
@@ -50,4 +51,5 @@ class Request:
             "seed": self.seed, "capture_key": self.capture_key, "fidelity": self.fidelity, "rtol": self.rtol,
             "truth_electrons": self.truth_electrons,
         }  # fmt: skip
-        return kept | ({"truth_components": True} if self.truth_components else {})
+        asked = {"truth_components": self.truth_components, "truth_instances": self.truth_instances}
+        return kept | {name: True for name, value in asked.items() if value}

@@ -54,14 +54,15 @@ class Workshop:
         rtol: Rtol,
         truth_electrons: bool = False,
         truth_components: bool = False,
+        truth_instances: bool = False,
     ) -> xr.Dataset:
         """One capture, as `generate` makes it of the same arguments: equal bits. Raises and warns as `generate`."""
         request = checked(
             scene, seed=seed, capture_key=capture_key, fidelity=fidelity, rtol=rtol, truth_electrons=truth_electrons,
-            truth_components=truth_components, tracer=self._tracer(scene),
+            truth_components=truth_components, truth_instances=truth_instances, tracer=self._tracer(scene),
         )  # fmt: skip
         text = scene.model_dump_json()
-        name = (text, fidelity, rtol, truth_electrons, truth_components)
+        name = (text, fidelity, rtol, truth_electrons, truth_components, truth_instances)
         if self._last is not None and self._last[0] == name:
             made = self._last[1]
         else:

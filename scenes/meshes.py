@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
 from .npz import read_npy, read_npz
+from .procedural.build import procedural_mesh
+from .procedural.spec import Procedural
 from .readers.mesh_file import read_mesh_file
 from .readers.surface import Surface
 from .relief import relief_heights
@@ -71,6 +73,9 @@ def shape_mesh(shape: Shape, where: str) -> MeshArrays:
         return _grid_mesh(heights, shape.pitch_m, shape)
     if isinstance(shape, MeshFile):
         return _mesh_file(shape, where)
+    if isinstance(shape, Procedural):
+        drawn_mesh = procedural_mesh(shape)
+        return drawn_mesh.vertices, drawn_mesh.faces
     raise TypeError(f"no mesh for {type(shape).__name__}")
 
 

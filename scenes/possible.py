@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
 from .medium import WaterIndex
+from .procedural.spec import Procedural
 from .rigs import rig_kind
 from .scene import Scene, TargetObject
 from .shapes import Box, HeightGrid, MeshFile, Rectangle, Sphere
@@ -118,7 +119,7 @@ def _within(item: TargetObject, at: Float) -> bool:
     offset = at - np.asarray(shape.center_m)
     if isinstance(shape, Sphere):
         return float(np.linalg.norm(offset)) <= shape.radius_m + _CONTACT_M
-    if isinstance(shape, Box):
+    if isinstance(shape, Box | Procedural):  # within the box of a recipe, nobody knows what is free
         local = rotation_matrix(shape.rotation_deg).T @ offset
         return bool(np.all(np.abs(local) <= 0.5 * np.asarray(shape.size_m) + _CONTACT_M))
     if isinstance(shape, Rectangle):
@@ -138,7 +139,7 @@ def _reach(item: TargetObject) -> float:
     z = float(shape.center_m[2])
     if isinstance(shape, Sphere):
         return z + float(shape.radius_m)
-    if isinstance(shape, Box):
+    if isinstance(shape, Box | Procedural):
         return z + 0.5 * float(np.abs(rotation_matrix(shape.rotation_deg))[2] @ np.asarray(shape.size_m))
     if isinstance(shape, Rectangle):
         turn = np.abs(_turned(shape))[2]

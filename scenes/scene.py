@@ -18,6 +18,7 @@ from pydantic_core import InitErrorDetails
 from .base import Spec
 from .materials import Material
 from .medium import Medium
+from .procedural.spec import Procedural
 from .rigs import RIGS, rig_kind
 from .rigs.kind import RigSpec
 from .shapes import Box, Shape
@@ -45,7 +46,8 @@ else:  # the union of the specs of all kinds, discriminated by `kind`
 
 
 class TargetObject(Spec):
-    """One object: a shape of one material, whose diffuse part a `texture` may vary over the surface (not over a box)."""
+    """One object: a shape of one material, whose diffuse part a `texture` may vary over the surface (not over a box or a
+    procedural shape)."""
 
     name: str
     shape: Shape
@@ -56,6 +58,8 @@ class TargetObject(Spec):
     def _shape_can_be_textured(self) -> TargetObject:
         if self.texture is not None and isinstance(self.shape, Box):
             raise ValueError("a box has no texture coordinates: make it of rectangles")
+        if self.texture is not None and isinstance(self.shape, Procedural):
+            raise ValueError("a procedural shape has no texture coordinates: give its parts materials of their own")
         return self
 
     @model_serializer(mode="wrap")

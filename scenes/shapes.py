@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from .base import Positive, Spec, Vec3
+from .procedural.spec import Pipes, Rocks, Terraces, Vegetation, Wreck
 
 __all__ = ["Box", "HeightGrid", "MeshFile", "PowerLawRelief", "Rectangle", "Shape", "Sphere"]
 
@@ -106,4 +107,7 @@ class MeshFile(Spec):
     rotation_deg: Vec3
 
 
-Shape = Annotated[Rectangle | Sphere | Box | HeightGrid | PowerLawRelief | MeshFile, Field(discriminator="kind")]
+Shape = Annotated[
+    Rectangle | Sphere | Box | HeightGrid | PowerLawRelief | MeshFile | Rocks | Pipes | Terraces | Vegetation | Wreck,
+    Field(discriminator="kind"),
+]

@@ -208,6 +208,7 @@ generate: --slurm <text> default None
 generate: --time-limit-s <number> default None
 generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False
+generate: --truth-instances <flag> default False
 generate: --workers <number> default None
 generate: SOURCE <text> default None
 import: --debug <flag> default False

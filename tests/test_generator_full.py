@@ -257,6 +257,7 @@ def test_shares_of_the_light_are_kept_on_request() -> None:
     kept = generate(scene, seed=3, fidelity="full", rtol=0.1, truth_electrons=True, truth_components=True)
     plain = generate(scene, seed=3, fidelity="full", rtol=0.1)
     names = [f"truth_{name}" for name in ("direct", "interreflection", "single", "multiple")]
+    assert np.allclose(kept["truth_ambient"].values, 100.0 * 1e-3 + 1e5 * 1e-3, rtol=1e-6)
     total = np.sum([kept[name].values.astype(float) for name in names], axis=0)
     rest = kept["truth_electrons"].values - total
     assert np.ptp(rest, axis=(1, 2)).max() < 1e-3 * total.max()  # ambient and dark: the same in every pixel
@@ -265,7 +266,7 @@ def test_shares_of_the_light_are_kept_on_request() -> None:
     assert (kept["truth_standard_error"].values > 0).all()
     assert kept["truth_single"].values.sum() > 0 and kept["truth_multiple"].values.sum() > 0
     with pytest.raises(InputError, match="kept apart"):
-        generate(scene, seed=3, fidelity="scatter", truth_components=True)
+        generate(scene, seed=3, fidelity="auto", truth_components=True)
 
 
 def test_convex_scene_is_the_direct_one() -> None:

@@ -55,7 +55,12 @@ GOOD: dict[str, Any] = {"seed": 1, "capture_key": 1, "fidelity": "direct", "rtol
         ("flat-wall", {"seed": -1}, "not negative", "--seed"),
         ("counter", {"fidelity": "full"}, "not built for waveform scenes", "counter: --fidelity"),
         ("amcw", {"truth_components": True}, "no rung of this modality", "amcw: --truth-components"),
-        ("flat-wall", {"truth_components": True, "fidelity": "auto"}, "the rung full only", "--truth-components"),
+        (
+            "flat-wall",
+            {"truth_components": True, "fidelity": "auto"},
+            "these rungs only: direct, scatter, full",
+            "--truth-components",
+        ),
     ],
 )
 def test_what_cannot_be_generated_is_refused_before_any_light(

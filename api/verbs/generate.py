@@ -29,6 +29,7 @@ def generate(
     rtol: float | Literal["noise"] | None = None,
     truth_electrons: bool = False,
     truth_components: bool = False,
+    truth_instances: bool = False,
     sealed: str | Path | None = None,
     like: str | Path | None = None,
     plan: bool = False,
@@ -57,7 +58,8 @@ def generate(
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
             "noise": below one standard deviation of the detector's noise, and too small to bias the answer.
         truth_electrons: Store the noise-free expectation of every sample, too.
-        truth_components: Store parts of the light: direct, between surfaces, scattered once, repeatedly. Needs `fidelity` full.
+        truth_components: Store what the light is the sum of, too (`truth_direct`, `truth_ambient`, …; docs/procedural-shapes.md).
+        truth_instances: Store which piece of the target each pixel sees, too (`truth_instance`).
         sealed: File of a secret key: captures of a suite with seeds that nobody knows, without truth (docs/challenges.md).
         like: Repeat this store from its own records and compare the captures value by value; the exit code is 1 if any
             differs. The new captures are stored only if `out` is given. No option may change what is made; `overrides` may say
@@ -83,7 +85,8 @@ def generate(
     place, changes = None if out is None else local_path(out), dict(overrides or {})
     given: dict[str, Any] = {
         "a scene or suite": source, "--rig": rig, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
-        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
+        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--truth-instances": truth_instances,
+        "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
     force = {
         "--workers": workers,
@@ -137,7 +140,7 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
 
     _check_request(source, how.out, how.resume, how.overwrite)
     key = None if given["--sealed"] is None else read_key(given["--sealed"])
-    names = ("fidelity", "rtol", "truth_electrons", "truth_components")
+    names = ("fidelity", "rtol", "truth_electrons", "truth_components", "truth_instances")
     asked = {name: given["--" + name.replace("_", "-")] for name in names}
     if is_dataset(source) and key is not None:
         raise InputError("Only a suite can be sealed.", where="--sealed", value=str(source), next_step="name a suite")
@@ -147,8 +150,8 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
     for name, value in how.force.items():
         if value is not None:
             raise InputError("Only a data set is made by several workers.", where=name, value=value)
-    rung, rtol, electrons, components = asked.values()
-    groups = items_of(source, changes, given["--seeds"], rung, rtol, electrons, components, key)
+    rung, rtol, electrons, components, instances = asked.values()
+    groups = items_of(source, changes, given["--seeds"], rung, rtol, electrons, components, instances, key)
     return _make(str(source), groups, how.plan, how.out, how.resume, how.overwrite, how.progress)
 
 

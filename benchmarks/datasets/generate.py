@@ -144,6 +144,7 @@ def _make(item: Item) -> xr.Dataset:
         rtol=item.rtol,
         truth_electrons=item.truth_electrons,
         truth_components=item.truth_components,
+        truth_instances=item.truth_instances,
     )
     return capture if item.seal is None else without_truth(capture, item.seal.provenance())
 

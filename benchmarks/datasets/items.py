@@ -36,6 +36,7 @@ class Item:
     rtol: Rtol
     truth_electrons: bool
     truth_components: bool = False
+    truth_instances: bool = False
     seal: Seal | None = None
 
 
@@ -79,6 +80,7 @@ def items_of(
     rtol: Rtol | None,
     electrons: bool,
     components: bool,
+    instances: bool = False,
     key: Key | None = None,
 ) -> dict[str, list[Item]]:
     """Captures to make, by the name of their store; the one store of a scene has the name "".
@@ -104,16 +106,16 @@ def items_of(
             )
         loaded = load_suite(source, overrides)
         aimed: Any = loaded.suite.rtol if rtol is None else rtol
-        if key is not None and (fidelity or rtol or electrons or components):
+        if key is not None and (fidelity or rtol or electrons or components or instances):
             raise InputError(
                 "A sealed suite is made as its file says.", where="--sealed",
-                allowed="no --fidelity, --rtol, --truth-electrons or --truth-components",
+                allowed="no --fidelity, --rtol, --truth-electrons, --truth-components or --truth-instances",
             )  # fmt: skip
         for cell in cells_of(loaded, key=key):
             if cell.stress == CELL_NONE:
                 rung: Any = fidelity or cell.fidelity
                 seal = None if key is None else Seal(key.name, loaded.suite.suite, cell.scene_name, cell.seed)
-                item = Item(cell.scene, cell.random_seed, cell.key, rung, aimed, electrons, components, seal)
+                item = Item(cell.scene, cell.random_seed, cell.key, rung, aimed, electrons, components, instances, seal)
                 groups.setdefault(cell.scene_name, []).append(item)
     elif key is not None:
         raise InputError("Only a suite can be sealed.", where="--sealed", value=str(source), next_step="name a suite")
@@ -123,7 +125,8 @@ def items_of(
         scene = load_scene(source, overrides)
         aimed = 1e-3 if rtol is None else rtol
         groups[""] = [
-            Item(scene, n, None, fidelity or first_rung(scene), aimed, electrons, components) for n in numbers
+            Item(scene, n, None, fidelity or first_rung(scene), aimed, electrons, components, instances)
+            for n in numbers
         ]
     check_items([item for items in groups.values() for item in items])
     return groups
@@ -157,7 +160,8 @@ def check_items(items: Sequence[Item]) -> None:
         where = item.scene.name
         checked(
             item.scene, seed=item.seed, capture_key=item.key or 0, fidelity=item.fidelity, rtol=item.rtol,
-            truth_electrons=item.truth_electrons, truth_components=item.truth_components, name=_option,
+            truth_electrons=item.truth_electrons, truth_components=item.truth_components,
+            truth_instances=item.truth_instances, name=_option,
         )  # fmt: skip
         slices, rows, cols = sizes_of(item.scene)
         needed = slices * (rows * cols * _BYTES_PER_SAMPLE + _BYTES_PER_SLICE)

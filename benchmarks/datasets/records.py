@@ -39,7 +39,7 @@ def difference(item: Item, attrs: Mapping[str, Any]) -> str:
         same_rung = rung == item.fidelity and rtol == item.rtol
         if not same_rung and not (item.fidelity == "auto" and chosen and rung != "auto"):
             return f"its fidelity and rtol are {rung}, {rtol}, not {item.fidelity}, {item.rtol}"
-        for name in ("truth_electrons", "truth_components"):
+        for name in ("truth_electrons", "truth_components", "truth_instances"):
             if bool(arguments.get(name, False)) != getattr(item, name):
                 return f"it was made with {name} = {bool(arguments.get(name, False))}"
         if item.key is not None and arguments["capture_key"] != item.key:
@@ -76,6 +76,7 @@ def recorded(attrs: Mapping[str, Any], where: str, places: Sequence[Path], given
             "noise" if arguments["rtol"] == "noise" else float(arguments["rtol"]),
             bool(arguments["truth_electrons"]),
             bool(arguments.get("truth_components", False)),
+            bool(arguments.get("truth_instances", False)),
         )
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         if isinstance(error, InputError):

@@ -48,6 +48,7 @@ class Maker:
         capture = self._workshop.make(
             scene, seed=data.seed, capture_key=index, fidelity=self.draws.fidelity(drawn.base), rtol=data.rtol,
             truth_electrons=data.truth_electrons, truth_components=data.truth_components,
+            truth_instances=data.truth_instances,
         )  # fmt: skip
         facts = {
             "part": self.draws.part(drawn), "base": drawn.base, "draw": number, "seed": data.seed,

@@ -14,9 +14,10 @@ from .variables import BOOL, COUNTS, INT, MAP, REAL, camera_extras, coord, data,
 
 __all__ = ["LAYOUT"]
 
-#: Components of the lamp's light, stored separately on request; their sum is the whole.
+#: Components of the lamp's light, stored separately on request; the sum of those that a rung has is the whole.
 _LIGHT = {
     "direct": "one surface",
+    "scattered": "scattered by the medium, once or more",
     "interreflection": "several surfaces",
     "single": "scattered once by the medium, no surface",
     "multiple": "scattered, and not once alone",
@@ -35,6 +36,10 @@ _GATED = (
     truth("truth_normal", "row col xyz", MAP, "1", "unit surface normal in the camera frame"),
     truth("truth_albedo", "row col", MAP, "1", "hemispherical albedo at normal incidence"),
     truth("truth_material", "row col", INT, "1", "code of the material; −1 where there is none"),
+    truth(
+        "truth_instance", "row col", INT, "1",
+        "number of the piece of the target, counted through all objects; −1 where there is none", required=False,
+    ),
     truth("truth_mixed", "row col", BOOL, "1", "whether the pixel's sub-samples span over 5 % of R's width"),
     truth("truth_first", "row col", REAL, "m", "range of the nearest sub-sample"),
     truth("truth_last", "row col", REAL, "m", "range of the farthest sub-sample"),
@@ -61,6 +66,7 @@ _GATED = (
         truth(f"truth_{name}", "slice row col", MAP, "electron", f"expected light: {component}", required=False)
         for name, component in _LIGHT.items()
     ),
+    truth("truth_ambient", "slice", REAL, "electron", "ambient and dark electrons of the slice", required=False),
     data("valid_sample", "slice row col", BOOL, "1", "whether the sample was recorded soundly", required=False),
     *camera_extras("slice row col"),
 )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..quantities import CAPTURE, COORDINATES, Quantity, Stage
 from .layout import Layout
-from .variables import BOOL, COUNTS, REAL, camera_extras, coord, data, per_frame, truth
+from .variables import BOOL, COUNTS, MAP, REAL, camera_extras, coord, data, per_frame, truth
 
 __all__ = ["LAYOUT"]
 
@@ -28,6 +28,9 @@ _LASER_LINE = (
         "truth_background", "frame", REAL, "electron", "ambient, dark and scattered electrons of a pixel",
         required=False, also=(("frame", "row", "col"),),
     ),
+    truth("truth_direct", "frame row col", MAP, "electron", "expected light of the line, reflected once", required=False),
+    truth("truth_scattered", "frame row col", MAP, "electron", "expected light that the medium scattered", required=False),
+    truth("truth_ambient", "frame row col", MAP, "electron", "ambient and dark electrons", required=False),
     truth(
         "truth_standard_error", "frame row col", REAL, "electron", "standard error of the path-traced light", required=False
     ),

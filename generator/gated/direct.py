@@ -134,7 +134,7 @@ def render_direct(
     if not with_truth:
         return DirectScene(returns, {}, rays)
     centre = (_cropped(image.direction, image.ring), _inner(image.hits, image.ring), _inner(echo, image.ring))
-    truth = _truth(scene, *centre, returns, first, last, fwhm)
+    truth = _truth(scene, *centre, returns, first, last, fwhm) | {"truth_instance": tracer.instances(centre[1])}
     return DirectScene(returns, {name: _shaped(value, (rows, cols)) for name, value in truth.items()}, rays)
 
 

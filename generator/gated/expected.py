@@ -33,10 +33,12 @@ _HALO_RTOL = 0.02
 @dataclass(frozen=True, eq=False)
 class _Light:
     """The light of a capture. `electrons` (slice, row, col): all of it, without dark current; `background`: what carries other
-    ranges than the pixel's own, (slice, row, col), or (slice) where it is even over the image."""
+    ranges than the pixel's own, (slice, row, col), or (slice) where it is even over the image; `ambient`:
+    photoelectrons (slice)."""
 
     electrons: Stack
     background: NDArray[Any]
+    ambient: Float
     direct: DirectScene
     scatter: ScatterScene | None
     warnings: tuple[str, ...]
@@ -75,15 +77,19 @@ def _light(scene: Scene, request: Request, coords: dict[str, Any]) -> _Light:
             scene, light, ambient, coords["gate"], *settings, share, seed, key, direct.truth, request.truth_components
         )
         warnings = _dark(scene, light, ambient, coords) + _short(scene, traced, request.error)
-        return _Light(light, background, direct, None, warnings, traced, dict(direct.truth) | truth)
+        return _Light(light, background, ambient, direct, None, warnings, traced, dict(direct.truth) | truth)
     if screen is not None:
         veil = expected_electrons(scene, screen, coords, seed, key)[0] - level
     elif scatter is not None and scatter.phase is not None:
         return _scattered(scene, request, scatter, light, ambient, coords)
     else:
-        return _Light(light, ambient, direct, scatter, _dark(scene, light, ambient, coords), {}, dict(direct.truth))
+        return _Light(
+            light, ambient, ambient, direct, scatter, _dark(scene, light, ambient, coords), {}, dict(direct.truth)
+        )
     light += veil
-    return _Light(light, level + veil, direct, scatter, _dark(scene, light, ambient, coords), {}, dict(direct.truth))
+    return _Light(
+        light, level + veil, ambient, direct, scatter, _dark(scene, light, ambient, coords), {}, dict(direct.truth)
+    )
 
 
 def _scattered(
@@ -103,22 +109,39 @@ def _scattered(
     truth["truth_halo"] = np.maximum(turned, 0.0) + halo_electrons(scatter)
     # Rays of both passes differ where a pixel is mixed: what is straight is part of the whole.
     background = np.maximum(light - own, ambient.astype(np.float32)[:, None, None])
-    return _Light(light, background, scatter.direct, scatter, _dark(scene, light, ambient, coords), {}, truth)
+    return _Light(light, background, ambient, scatter.direct, scatter, _dark(scene, light, ambient, coords), {}, truth)
 
 
 def _truth(scene: Scene, request: Request, light: _Light) -> dict[str, Any]:
     """Truth of the direct light, and the halo, the background and the expectation, each with the sensor's dark current."""
     detector = gated_rig(scene).detector
     truth = light.truth
+    if not request.truth_instances:
+        truth.pop("truth_instance", None)
     if request.rung == "full" and scene.medium.scattering_per_m > 0:
         own = np.asarray(light.direct.truth["truth_amplitude"], np.float64)
         truth["truth_halo"] = forward_electrons(scene, own, max(request.error, _HALO_RTOL), request.tracer)
     # Behind an intensifier dark electrons join after the gain: they are no photoelectrons.
     dark = detector.dark_current_e_per_s * detector.exposure_s if detector.intensifier is None else 0.0
     truth["truth_background"] = light.background + light.background.dtype.type(dark)
+    if request.truth_components:
+        truth |= _components(request, light) | {"truth_ambient": light.ambient + dark}
     if request.truth_electrons:
         truth["truth_electrons"] = light.electrons + np.float32(dark)
     return truth
+
+
+def _components(request: Request, light: _Light) -> dict[str, Stack]:
+    """What the lamp's light is the sum of, on the rungs that are not traced: their background is ambient and scattered light."""
+    if request.rung == "full":
+        return {}  # its paths bring them
+    level = light.ambient.astype(np.float32)[:, None, None]
+    if light.scatter is None:  # a screen reflects, too
+        return {"truth_direct": light.electrons - level}
+    shape = (len(level), 1, 1)
+    background = light.background.reshape(shape) if light.background.ndim == 1 else light.background
+    scattered = np.broadcast_to(background - level, light.electrons.shape).astype(np.float32)
+    return {"truth_direct": light.electrons - level - scattered, "truth_scattered": scattered}
 
 
 def _dark(scene: Scene, light: Stack, ambient: Float, coords: dict[str, Any]) -> tuple[str, ...]:

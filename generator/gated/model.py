@@ -71,6 +71,7 @@ MODEL: Model[DirectScene] = Model(
     effects=_effects,
     choose=_choose,
     check=_check,
-    apart=("full",),
+    apart=("direct", "scatter", "full"),
+    instances=True,
     clock="delay",
 )

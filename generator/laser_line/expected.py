@@ -32,6 +32,7 @@ from .truth import LineTruth, line_truth
 __all__ = ["FrameLight", "dark_e", "expect", "frame_light", "path_of", "read", "tracing_of"]
 
 Float = NDArray[np.float64]
+Stack = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,8 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     for number, pose in enumerate(poses if uneven else ()):
         same = number > 0 and _same(pose, poses[0])
         electrons[number] = electrons[0] if same else electrons[number] + even_light(setting, pose).astype(np.float32)
-    background = electrons + np.float32(dark_e(rig))
+    ambient_light = electrons + np.float32(dark_e(rig))
+    background = ambient_light.copy()
     sigma = np.zeros(electrons.shape, np.float32)
     frames: list[FrameLight] = []
     rests: list[Rest] = []
@@ -123,7 +125,9 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
     }
     if full:
         truth["truth_standard_error"] = sigma
-    truth |= roughness_truth(scene)
+    truth |= roughness_truth(scene) | (
+        _components(electrons + np.float32(dark_e(rig)), background, ambient_light) if request.truth_components else {}
+    )
     if request.truth_electrons:
         truth["truth_electrons"] = electrons + np.float32(dark_e(rig))
     dark = not any(light.line.any() for light in frames)
@@ -134,6 +138,11 @@ def expect(scene: Scene, request: Request) -> Expected[FrameLight]:
         sampling, unreached = _sampling(scene.name, rests, request.error)
         traced, warnings = traced | sampling, warnings + unreached
     return Expected(electrons, coords, truth, rays, frames[0], warnings, traced)
+
+
+def _components(whole: Stack, background: Stack, ambient: Stack) -> dict[str, Stack]:
+    """What the light is the sum of, where only the water adds to the line: each with dimensions (frame, row, col)."""
+    return {"truth_direct": whole - background, "truth_scattered": background - ambient, "truth_ambient": ambient}
 
 
 def _sampling(name: str, rests: list[Rest], rtol: float) -> tuple[dict[str, Any], tuple[str, ...]]:

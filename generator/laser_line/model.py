@@ -52,5 +52,6 @@ MODEL: Model[FrameLight] = Model(
     read=_read,
     effects=_effects,
     choose=_choose,
+    apart=("direct", "scatter"),
     clock="time",
 )

@@ -32,7 +32,7 @@ class KeptTracer(Tracer):
         found = self._get(name)
         if found is None:
             found = super().trace(origin, direction)
-            parts = (found.distance, found.normal, found.target, found.shade)
+            parts = (found.distance, found.normal, found.target, found.shade, found.piece)
             for part in parts:
                 part.flags.writeable = False
             self._put(name, found, sum(part.nbytes for part in parts))

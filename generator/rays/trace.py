@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ...scenes.meshes import mesh_uv, shape_mesh
 from ...scenes.possible import check_possible, check_solid
+from ...scenes.procedural.build import procedural_mesh
+from ...scenes.procedural.spec import Procedural
 from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
 from ...scenes.shapes import MeshFile, Rectangle, Sphere
@@ -35,12 +37,13 @@ _IN_FRONT = 1e-5
 class Hits:
     """First hits of n rays. `distance` m along the unit ray (inf where nothing is hit), `normal` (3, n) unit and turned
     toward the camera, `target` index of the object in the scene, −1 where nothing is hit, `shade` relative diffuse albedo
-    of the object's texture there (1 without one)."""
+    of the object's texture there (1 without one), `piece` number of the piece of the object that is hit (0 where it is one)."""
 
     distance: Float
     normal: Float
     target: NDArray[np.int32]
     shade: Float
+    piece: NDArray[np.int32]
 
 
 def pixel_directions(camera: Camera, row: Any, col: Any) -> Float:
@@ -77,6 +80,9 @@ class Tracer:
         }
         parts: dict[str, Any] = {}
         self._meshes: dict[int, tuple[Any, Any]] = {}
+        self._pieces: dict[int, NDArray[np.int32]] = {}
+        #: Pieces of each object.
+        self.pieces = [1] * len(scene.target)
         # Only where several triangles meet in one vertex can a ray slip through.
         self._vertices = any(not isinstance(item.shape, Sphere | Rectangle) for item in scene.target)
         for number, item in enumerate(scene.target):
@@ -92,6 +98,9 @@ class Tracer:
                 check_solid(scene, item, vertices, faces)
                 if isinstance(item.shape, MeshFile):
                     self._meshes[number] = (vertices, faces)
+                if isinstance(item.shape, Procedural):
+                    made = procedural_mesh(item.shape)
+                    self._pieces[number], self.pieces[number] = made.instance, made.instances
                 uv = None
                 if number in self._textures and isinstance(item.shape, MeshFile):
                     uv = mesh_uv(item.shape, where)
@@ -122,7 +131,7 @@ class Tracer:
         """
         count = direction.shape[1]
         if not count:
-            return Hits(np.zeros(0), np.zeros((3, 0)), np.zeros(0, np.int32), np.zeros(0))
+            return Hits(np.zeros(0), np.zeros((3, 0)), np.zeros(0, np.int32), np.zeros(0), np.zeros(0, np.int32))
         start = np.asarray(origin, dtype=np.float64).reshape(3, -1)
         parts = [
             self._launch(_part(start, i), direction[:, i : i + _RAYS_PER_LAUNCH])
@@ -135,6 +144,7 @@ class Tracer:
             np.concatenate([p.normal for p in parts], axis=1),
             np.concatenate([p.target for p in parts]),
             np.concatenate([p.shade for p in parts]),
+            np.concatenate([p.piece for p in parts]),
         )
 
     def _launch(self, origin: Float, direction: Float, *, aside: bool = False) -> Hits:
@@ -156,7 +166,8 @@ class Tracer:
         normal[:, away] *= -1.0
         target = np.where(np.isfinite(distance), target, np.int32(-1))
         uv = np.asarray(surface.uv.numpy(), dtype=np.float64) if self._textures else np.zeros((2, 0))
-        hits = Hits(distance, normal, target, self._shade(origin, direction, distance, target, uv))
+        piece = self._piece(target, preliminary)
+        hits = Hits(distance, normal, target, self._shade(origin, direction, distance, target, uv), piece)
         if self._vertices and not aside:
             self._close_vertices(origin, direction, hits)
         return hits
@@ -171,6 +182,7 @@ class Tracer:
         beside = self._launch(own, _aside(direction[:, slipped], 1.0), aside=True)
         hits.distance[slipped], hits.target[slipped] = beside.distance, beside.target
         hits.normal[:, slipped], hits.shade[slipped] = beside.normal, beside.shade
+        hits.piece[slipped] = beside.piece
 
     def _hidden_aside(self, start: Float, direction: Float, reach: Float) -> NDArray[np.bool_]:
         """Whether rays turned by 2 µrad to either side both meet something within `reach` m of `start` (3, n or 1)."""
@@ -183,6 +195,21 @@ class Tracer:
             ray = mi.Ray3f(origin, d, mi.Float(far), 0.0, mi.Color0f())
             hidden &= np.asarray(self._scene.ray_test(ray, mi.Bool(hidden)).numpy())
         return hidden
+
+    def instances(self, hits: Hits) -> NDArray[np.int32]:
+        """Number of the instance of each hit: pieces of all objects, counted through in their order; −1 for nothing."""
+        first = np.concatenate([np.cumsum([0, *self.pieces[:-1]]), [0]]).astype(np.int32)
+        return np.where(hits.target >= 0, first[hits.target] + hits.piece, np.int32(-1))
+
+    def _piece(self, target: NDArray[np.int32], preliminary: Any) -> NDArray[np.int32]:
+        """Pieces of the objects that are hit, by the triangles."""
+        piece = np.zeros(target.size, np.int32)
+        if self._pieces:
+            face = preliminary.prim_index.numpy()
+            for number, table in self._pieces.items():
+                own = target == number
+                piece[own] = table[face[own]]
+        return piece
 
     def _shade(self, origin: Float, direction: Float, distance: Float, target: NDArray[np.int32], uv: Float) -> Float:
         """Values of the textures where rays hit; `uv` (2, n) of meshes, by Mitsuba."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 from ..errors import InputError
+from ..procedural.build import recipe_versions
 
 __all__ = ["scene_content"]
 
@@ -42,6 +43,8 @@ def _at(scene: Mapping[str, Any], path: str) -> Any:
 def _plain(node: Any) -> Any:
     if isinstance(node, Mapping):
         kept = {key: _plain(value) for key, value in node.items() if key not in ("name", "title")}
+        if (version := recipe_versions().get(str(node.get("kind")))) is not None:
+            kept["recipe_version"] = version  # equal parameters gave other triangles before
         if isinstance(node.get("file"), str):
             kept["file"] = _file_sum(node["file"])
         return kept

@@ -20,6 +20,8 @@ LIBRARY = Path(__file__).parent / "library"
 PARTS = ("train", "validation", "test")
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}")
+#: Keys that are left out of the data where they are absent: what was made before they existed has the same identity.
+_OPTIONAL = ("split", "per_shard", "truth_instances")
 _RESERVED = {"pi", "e", "if", "else", *FUNCTIONS}
 Rung = Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"]
 
@@ -117,7 +119,7 @@ class Dataset(Spec):
         parameters: {name: distribution}. correlated: which of them are drawn together. split: shares of the parts.
         repeats: captures of each drawn scene, which differ in their noise alone.
         redraws: how often an impossible scene (a camera inside a solid) is drawn again; 0: it is an error.
-        truth_electrons, truth_components: as those of `generate`.
+        truth_electrons, truth_components, truth_instances: as those of `generate`.
         per_shard: captures of a shard; by default about 64 MiB of them, but no more than two files a capture.
         title, description, licence, citation: for people, for the card and for exports; left out where nothing is stated.
     """
@@ -139,6 +141,7 @@ class Dataset(Spec):
     rtol: Annotated[float, Field(ge=1e-6, le=0.5)] | Literal["noise"]
     truth_electrons: bool = False
     truth_components: bool = False
+    truth_instances: bool = False
     redraws: Annotated[int, Field(ge=0, le=1000)] = 0
     per_shard: Annotated[int, Field(ge=1, le=4096)] | None = None
     parameters: dict[str, Distribution] = Field(default_factory=dict)
@@ -147,7 +150,7 @@ class Dataset(Spec):
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        held = {k: v for k, v in handler(self).items() if k not in ("split", "per_shard") or v is not None}
+        held = {k: v for k, v in handler(self).items() if k not in _OPTIONAL or v not in (None, False)}
         return {k: v for k, v in held.items() if k not in ("description", "citation") or v}
 
     @model_validator(mode="after")
