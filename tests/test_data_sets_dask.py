@@ -111,7 +111,10 @@ def test_a_worker_looks_at_the_folder_itself(tmp_path: Path) -> None:
     (tmp_path / "workers.token").symlink_to("/etc/hostname")
     assert json.loads(look(str(tmp_path), "t"))["token"] == ""
     asked = {"begin": {"root": str(tmp_path)}, "token": "t", "limit_s": None, "expected_s": 0.0}
-    assert "does not see the folder" in json.loads(make(json.dumps(asked), json.dumps({"group": "g", "shard": 0})))["failed"]
+    assert (
+        "does not see the folder"
+        in json.loads(make(json.dumps(asked), json.dumps({"group": "g", "shard": 0})))["failed"]
+    )
 
 
 def test_a_shard_that_ends_three_workers_is_set_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
