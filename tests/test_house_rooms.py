@@ -30,7 +30,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents", "readers",
+        "example", "export", "contents", "readers", "lazy",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",
