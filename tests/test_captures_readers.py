@@ -141,11 +141,12 @@ def test_xarray_reads_only_what_is_asked_for(store: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(ShardedSet, "values", lambda self, n, names=None: read.append(int(n)) or values(self, n, names))
     whole = dataset(store)
     assert read.count(0) == len(read)  # the first one tells the layout
-    read.clear()
     captures = open_captures(store)
+    first = captures[0]
+    read.clear()
     assert whole.sizes["capture"] == COUNT
-    assert [str(name) for name in whole.data_vars] == [str(name) for name in captures[0].data_vars]
-    assert set(captures[0].coords) | {"capture", "part"} == set(whole.coords)
+    assert [str(name) for name in whole.data_vars] == [str(name) for name in first.data_vars]
+    assert set(first.coords) | {"capture", "part"} == set(whole.coords)
     assert not read
     np.testing.assert_array_equal(whole["samples"][3].values, captures[3]["samples"].values)
     assert set(read) == {3}
@@ -154,9 +155,9 @@ def test_xarray_reads_only_what_is_asked_for(store: Path, monkeypatch: pytest.Mo
     expected = np.stack([captures[n]["samples"].values[1:, :, [0, 2]] for n in (17, 2)])
     read.clear()
     np.testing.assert_array_equal(some.values, expected)
-    assert read == [17, 2]
-    assert whole["samples"][5:5].shape == (0, *captures[0]["samples"].shape)
-    assert whole["samples"][5:5].values.shape == (0, *captures[0]["samples"].shape)
+    assert sorted(read) == [2, 17]
+    assert whole["samples"][5:5].shape == (0, *first["samples"].shape)
+    assert whole["samples"][5:5].values.shape == (0, *first["samples"].shape)
     test = dataset(store, ["truth_range"], part="test")
     assert list(test["capture"].values) == [5, 11, 17]
     assert list(test["part"].values) == ["test"] * 3

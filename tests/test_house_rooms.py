@@ -32,7 +32,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents", "readers", "exports", "imports",
+        "example", "export", "contents", "readers", "lazy", "exports", "imports",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",

@@ -20,30 +20,15 @@ __all__ = ["generate"]
 
 
 def generate(
-    source: str | Path | Mapping[str, Any] | Scene | None = None,
-    *,
-    overrides: Mapping[str, Any] | None = None,
-    rig: str | Path | None = None,
-    seeds: Sequence[int] | None = None,
+    source: str | Path | Mapping[str, Any] | Scene | None = None, *,
+    overrides: Mapping[str, Any] | None = None, rig: str | Path | None = None, seeds: Sequence[int] | None = None,
     fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] | None = None,
-    rtol: float | Literal["noise"] | None = None,
-    truth_electrons: bool = False,
-    truth_components: bool = False,
-    truth_instances: bool = False,
-    sealed: str | Path | None = None,
-    like: str | Path | None = None,
-    plan: bool = False,
-    workers: int | None = None,
-    time_limit_s: float | None = None,
-    dask: str | None = None,
-    slurm: str | Path | None = None,
-    array: int | None = None,
-    job: str | None = None,
-    out: str | Path | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
+    rtol: float | Literal["noise"] | None = None, truth_electrons: bool = False, truth_components: bool = False,
+    truth_instances: bool = False, sealed: str | Path | None = None, like: str | Path | None = None, plan: bool = False,
+    workers: int | None = None, time_limit_s: float | None = None, dask: str | None = None, slurm: str | Path | None = None,
+    array: int | None = None, job: str | None = None, out: str | Path | None = None, resume: bool = False, overwrite: bool = False,
     progress: Progress | None = None,
-) -> Generated:
+) -> Generated:  # fmt: skip
     """Generate captures with exact truth from a scene, a suite or a data set, and store them.
 
     Those of a scene, one per seed, and of a data set go into one store; a suite's, without stress, into one per scene in `out`.
@@ -66,9 +51,8 @@ def generate(
             where a file of the scene lies (target.0.shape.file=PATH) that is neither beside the store nor in this folder.
         plan: List the captures without making any; of a data set, tell its size, time, shards and parts, by a pilot.
         workers: Processes that make a data set; one for each processor by default. Captures are the same for any number.
-        time_limit_s: Time after which a worker of a data set that completes no capture, or uses no processor, is replaced, s; by
-            default 60 s, or 20 times the longest capture.
-        dask: Address of a Dask scheduler, tcp://HOST:PORT: its workers make the data set, in a folder that all machines share.
+        time_limit_s: Time after which a worker that completes no capture is replaced, s; 60 s or more by default.
+        dask: Address of a Dask scheduler, tcp://HOST:PORT, whose workers make a data set in a folder that all share.
         slurm: Begin the data set, and write a script for Slurm there that makes it as an array of jobs.
         array: Number of jobs of that array; one for each shard by default, at most 1000.
         job: Make part K of N of a data set that was begun, as K/N; the jobs of an array do this.
@@ -77,31 +61,24 @@ def generate(
         overwrite: Replace an existing output.
         progress: Receives every step.
 
-    Returns `plan` (one per capture), `paths`, of a data set `outline`, `made`, `script`; with `like` `comparison`, `differing`, `equal`.
+    Returns `plan`, `paths`, of a data set `outline`, `made`, `script`; with `like` `comparison`, `differing`, `equal`.
     Raises InputError: bad input, an output that exists, or one to resume that holds other captures.
     """
     from ..scenes.places import local_path
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
-    given: dict[str, Any] = {
-        "a scene or suite": source, "--rig": rig, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
-        "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--truth-instances": truth_instances,
-        "--sealed": sealed, "--resume": resume,
-    }  # fmt: skip
     force = {
-        "--workers": workers,
-        "--time-limit-s": time_limit_s,
-        "--dask": dask,
-        "--slurm": slurm,
-        "--array": array,
-        "--job": job,
-    }
-    given |= force
+        "--workers": workers, "--time-limit-s": time_limit_s, "--dask": dask, "--slurm": slurm, "--array": array, "--job": job,
+    }  # fmt: skip
+    given: dict[str, Any] = {
+        "a scene or suite": source, "--rig": rig, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--sealed": sealed,
+        "--resume": resume, "--truth-electrons": truth_electrons, "--truth-components": truth_components,
+        "--truth-instances": truth_instances, **force,
+    }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
-    return _made_of(
-        source, _of_rig(rig, source) | changes, given, _How(plan, force, place, resume, overwrite, progress)
-    )
+    changes = _of_rig(rig, source) | changes
+    return _made_of(source, changes, given, _How(plan, force, place, resume, overwrite, progress))
 
 
 def _of_rig(rig: str | Path | None, source: Any) -> dict[str, Any]:

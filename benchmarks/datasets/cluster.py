@@ -24,7 +24,7 @@ from ...captures.provenance import cpu
 from ...scenes.errors import InputError
 from .crew import MOST_TRIES, Task, error_of
 from .place import sound_receipt
-from .remote import about, leave, look, make
+from .remote import about, leave, look, make, unfit
 
 __all__ = ["Cluster"]
 
@@ -52,7 +52,7 @@ class Cluster:
     def __init__(self, begin: dict[str, Any], address: str, *, limit_s: float | None, expected_s: float) -> None:
         self._root, self._address = Path(begin["root"]), address
         self._token = secrets.token_hex(16)
-        settings = {"token": self._token, "limit_s": limit_s, "expected_s": expected_s}
+        settings = {"token": self._token, "about": about(), "limit_s": limit_s, "expected_s": expected_s}
         self._begin = json.dumps({"begin": begin, **settings})
         self._again: deque[Task] = deque()
         self._ended: queue.SimpleQueue[tuple[Any, Task]] = queue.SimpleQueue()
@@ -186,32 +186,27 @@ class Cluster:
             time.sleep(0.5)
 
     def _check(self, workers: dict[str, int]) -> None:
-        """Refuse workers that do not see the same folder, or have other versions. Raises InputError."""
+        """Refuse workers that do not see the same folder, or have other versions; those that come later are asked with their first
+        shard. Raises InputError."""
         told = self._client.run(look, str(self._root), self._token, workers=list(workers), on_error="return")
-        mine = about()
+        others = []
         for name, text in told.items():
+            if isinstance(text, OSError):
+                continue  # it has died since
             if not isinstance(text, str):
                 raise InputError(
                     "A worker of the scheduler cannot run Beambench.", where=str(name), value=f"{type(text).__name__}: {text}",
                     next_step="install the same version of beambench[dask] there",
                 )  # fmt: skip
             found = json.loads(text)
-            if found["token"] != self._token:
-                raise InputError(
-                    "A worker of the scheduler does not see the folder of the data set, or may not write it.", where=str(name),
-                    value=found["problem"] or "another file stands there", allowed=str(self._root),
-                    next_step="write to a folder that all machines share under one path",
-                )  # fmt: skip
-            differ = [f"{key} {found['about'].get(key)}" for key in mine if found["about"].get(key) != mine[key]]
-            if differ:
-                raise InputError(
-                    "A worker of the scheduler has other versions, so that its captures could differ.", where=str(name),
-                    value=", ".join(differ), allowed=", ".join(f"{key} {value}" for key, value in mine.items()),
-                    next_step="install the same versions on all machines",
-                )  # fmt: skip
-        others = sorted(str(name) for name, text in told.items() if json.loads(text)["cpu"] != cpu())
+            if words := unfit(found, self._token, str(self._root), about(), str(name)):
+                raise error_of(words)
+            if found["cpu"] != cpu():
+                others.append(str(name))
         if others:
-            self.events.append(f"other processors, whose captures may differ in their last bits: {', '.join(others)}")
+            self.events.append(
+                f"other processors, whose captures may differ in their last bits: {', '.join(sorted(others))}"
+            )
 
 
 def _client(address: str) -> Any:

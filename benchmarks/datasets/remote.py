@@ -10,6 +10,8 @@ import os
 import platform
 import secrets
 import threading
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,10 @@ from ...optics.jit import source_hash
 from ...scenes.errors import InputError
 from .crew import Crew, Task, cores_usable
 
-__all__ = ["about", "leave", "look", "make"]
+__all__ = ["about", "leave", "look", "make", "unfit"]
+
+#: Longest wait for the token to be seen: shared folders may show a new file later, s.
+_LAG_S = 10.0
 
 
 class _Crews:
@@ -63,15 +68,15 @@ def make(told: str, line: str) -> str:
     """Make one shard; what became of it, as JSON: done, refused, stopped or failed, and events.
 
     Main arguments:
-        told: JSON of `begin` (what a worker is told first), `token`, `limit_s`, `expected_s`. line: the task.
+        told: JSON of `begin` (what a worker is told first), `token`, `about`, `limit_s`, `expected_s`. line: the task.
     """
     asked, words = json.loads(told), json.loads(line)
     root = asked["begin"]["root"]
-    found, problem = _read(root)
-    if found != asked["token"]:
-        return json.dumps(
-            {"failed": f"{_where()} does not see the folder of the run: {problem or 'another run writes it'}"}
-        )
+    found, problem = _read_soon(root, asked["token"])
+    seen = {"token": found, "problem": problem, "about": about()}
+    if wrong := unfit(seen, asked["token"], root, asked["about"], _where()):
+        # A worker that fails every shard at once would be given all of them.
+        return json.dumps({"stopped": wrong})
     task = Task(f"{words['group']}, shard {words['shard']}, {_where()}", words)
     crew = _CREWS.of_thread(told)
     before = len(crew.events)
@@ -95,7 +100,7 @@ def make(told: str, line: str) -> str:
 
 def look(root: str, token: str) -> str:
     """Whether this worker sees the folder, and may write there: the token that it reads, versions and processor, as JSON."""
-    found, problem = _read(root)
+    found, problem = _read_soon(root, token)
     if found == token:
         trial = Path(root) / "receipts" / f"trial.0.z.{secrets.token_hex(16)}.new"
         try:
@@ -104,6 +109,27 @@ def look(root: str, token: str) -> str:
         except OSError as error:
             found, problem = "", f"{error.strerror}: it cannot write there"
     return json.dumps({"token": found, "problem": problem, "about": about(), "cpu": cpu()})
+
+
+def unfit(seen: Mapping[str, Any], token: str, root: str, mine: Mapping[str, str], where: str) -> dict[str, Any]:
+    """Why a worker that saw this cannot make shards, as the words of an error; empty where it can.
+
+    Main arguments:
+        seen: its `token`, `problem` and `about`. token, mine: those of the run. root: the folder. where: the worker.
+    """
+    if seen["token"] != token:
+        return {
+            "what": "A worker of the scheduler does not see the folder of the data set, or may not write it.", "where": where,
+            "value": seen["problem"] or "the file of another run stands there", "allowed": root,
+            "next_step": "write to a folder that all machines share under one path",
+        }  # fmt: skip
+    if differ := [f"{key} {seen['about'].get(key)}" for key in mine if seen["about"].get(key) != mine[key]]:
+        return {
+            "what": "A worker of the scheduler has other versions, so that its captures could differ.", "where": where,
+            "value": ", ".join(differ), "allowed": ", ".join(f"{key} {value}" for key, value in mine.items()),
+            "next_step": "install the same versions on all machines",
+        }  # fmt: skip
+    return {}
 
 
 def leave(token: str) -> None:
@@ -118,6 +144,16 @@ def about() -> dict[str, str]:
     stores = {name: version(name) for name in ("zarr", "numcodecs", "pyarrow")}
     own = {"beambench": version("beambench"), "kernels": source_hash()[:16]}
     return {**own, "python": platform.python_version(), **versions(), **stores}
+
+
+def _read_soon(root: str, token: str) -> tuple[str, str]:
+    """As `_read`; waits a while for `token`."""
+    until = time.monotonic() + _LAG_S
+    while True:
+        found = _read(root)
+        if found[0] == token or time.monotonic() > until:
+            return found
+        time.sleep(0.5)
 
 
 def _read(root: str) -> tuple[str, str]:
