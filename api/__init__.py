@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from .verbs.data import data_finalize, data_repair, data_status, data_verify
     from .verbs.design import design
     from .verbs.doctor import doctor
+    from .verbs.drivers import drivers_list
     from .verbs.estimate import estimate
     from .verbs.estimators import estimators_check, estimators_list, estimators_new, estimators_train
     from .verbs.export import export
     from .verbs.fidelity import fidelity
     from .verbs.gate import gate
     from .verbs.generate import generate
+    from .verbs.record import record
     from .verbs.report import report
     from .verbs.reproduce import reproduce
     from .verbs.run import run
@@ -47,6 +49,7 @@ __all__ = [
     "data_verify",
     "design",
     "doctor",
+    "drivers_list",
     "estimate",
     "estimators_check",
     "estimators_list",
@@ -56,6 +59,7 @@ __all__ = [
     "fidelity",
     "gate",
     "generate",
+    "record",
     "report",
     "reproduce",
     "run",
@@ -77,6 +81,7 @@ _HOME = {
     "data_verify": ".verbs.data",
     "design": ".verbs.design",
     "doctor": ".verbs.doctor",
+    "drivers_list": ".verbs.drivers",
     "estimate": ".verbs.estimate",
     "estimators_check": ".verbs.estimators",
     "estimators_list": ".verbs.estimators",
@@ -86,6 +91,7 @@ _HOME = {
     "fidelity": ".verbs.fidelity",
     "gate": ".verbs.gate",
     "generate": ".verbs.generate",
+    "record": ".verbs.record",
     "report": ".verbs.report",
     "reproduce": ".verbs.reproduce",
     "run": ".verbs.run",

@@ -55,7 +55,10 @@ DRIVERS: dict[str, Driver] = {
     one.name: one
     for one in (
         Driver("gige", "camera", "GigE Vision cameras", "gige.camera:GigeCamera", "two emulated servers"),
-        Driver("aravis", "camera", "GigE and USB3 Vision cameras", "aravis:AravisCamera", "two emulated servers", ("gi",), _APT, _aravis),
+        Driver(
+            "aravis", "camera", "GigE and USB3 Vision cameras", "aravis:AravisCamera", "two emulated servers", ("gi",), _APT,
+            _aravis,
+        ),
         Driver("uvc", "camera", "UVC and V4L2 cameras", "uvc:UvcCamera", "files", ("cv2",), "pip install opencv-python-headless"),
         Driver(
             "andor", "camera", "intensified cameras of Andor (SDK 2)", "intensified:AndorCamera", "untried", ("pylablib",),

@@ -21,9 +21,9 @@ __all__ = ["Replay"]
 class Replay:
     """The capture number `index` of the store `address`.
 
-    Settings are the capture's own coordinates along the first dimension of its data ("delay", "laser_on", …), with or without the unit
-    behind ("delay_s"), and `shot`, the number of the element. A shot gives the next element that agrees with all settings, in
-    order, and then begins again; settings that the capture does not have are taken and told back.
+    Settings are the capture's own coordinates along the first dimension of its data ("delay", "laser_on", …), with or
+    without the unit behind ("delay_s"), and `shot`, the number of the element. A shot gives the next element that agrees
+    with all settings, in order, and then begins again; settings that the capture does not have are taken and told back.
     """
 
     def __init__(self, address: str, *, index: int = 0) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
@@ -108,10 +109,8 @@ class EmulatedCamera:
         host = socket.inet_ntoa(struct.pack(">I", self._word(Register.STREAM_ADDRESS)))
         port = self._word(Register.STREAM_PORT) & 0xFFFF
         if port and not (self._loss and self._draw.random() < self._loss):
-            try:
+            with contextlib.suppress(OSError):  # nobody listens there any more, as on a wire
                 self._stream.sendto(packet, (host, port))
-            except OSError:
-                pass  # nobody listens there any more, as on a wire
 
     # ---------------------------------------------------------------- control
 

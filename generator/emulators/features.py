@@ -91,7 +91,8 @@ def _node(name: str, feature: Feature) -> str:
     if feature.kind == "Command":
         return f"{head}{target}<CommandValue>1</CommandValue>{tail}{register}"
     if feature.kind == "Float":
-        converter = f'<Converter Name="{name}Converter"><FormulaTo>FROM</FormulaTo><FormulaFrom>TO</FormulaFrom>{target}</Converter>'
+        formulas = "<FormulaTo>FROM</FormulaTo><FormulaFrom>TO</FormulaFrom>"
+        converter = f'<Converter Name="{name}Converter">{formulas}{target}</Converter>'
         limits = f"<Min>1</Min><Max>10000000</Max><Unit>{feature.unit}</Unit>"
         return f"{head}<pValue>{name}Converter</pValue>{limits}{tail}{converter}{register}"
     return f"{head}{entries}{target}{tail}{register}"

@@ -1,8 +1,8 @@
 """A camera's own description of its features (GenICam XML), and their values in its registers.
 
 Read: Integer, IntReg, MaskedIntReg, IntSwissKnife, IntConverter, Float, FloatReg, SwissKnife, Converter, Boolean, Enumeration,
-Command, StringReg. Source: EMVA, GenICam standard, part 1 (GenApi), 2.1. A description is data from a stranger: its size, the depth of its
-references and its formulas are bounded, and a document type (which could grow without bound) is refused.
+Command, StringReg. Source: EMVA, GenICam standard, part 1 (GenApi), 2.1. A description is data from a stranger: its size, the
+depth of its references and its formulas are bounded, and a document type (which could grow without bound) is refused.
 """
 
 from __future__ import annotations
