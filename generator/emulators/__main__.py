@@ -18,7 +18,7 @@ from ...scenes.errors import InputError
 from ...scenes.load import load_scene
 from ...scenes.overrides import parse_assignments
 from .bench import Bench, Faults, Sight
-from .sights import emulated
+from .sights import emulated, tabled
 
 __all__ = ["main"]
 
@@ -27,6 +27,7 @@ def _arguments(tokens: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m beambench.generator.emulators", description=__doc__)
     parser.add_argument("scene", help="a scene of the library, or a file")
     parser.add_argument("--set", action="append", default=[], help="PATH=VALUE, as everywhere")
+    parser.add_argument("--table", help="a table of expectations, in place of light transport; its scene counts")
     parser.add_argument("--seed", type=int, default=1, help="of the noise and of the faults")
     parser.add_argument("--hidden", type=int, default=0, help="seed of the hidden rig; 0: as the scene says")
     parser.add_argument("--truth", help="file for the scene as it really is; nobody else is told")
@@ -64,7 +65,10 @@ def main(tokens: list[str] | None = None) -> int:
     """Serve; the exit code."""
     given = _arguments(tokens)
     try:
-        scene, sight = emulated(load_scene(given.scene, parse_assignments(given.set)), given.hidden, given.seed)
+        if given.table:
+            sight, scene = tabled(Path(given.table), given.seed)
+        else:
+            scene, sight = emulated(load_scene(given.scene, parse_assignments(given.set)), given.hidden, given.seed)
         bench = _bench(given, sight)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -82,6 +82,11 @@ class Bench:
         self.camera.start()
         self.delays.start()
 
+    def close(self) -> None:
+        """Stop serving, as a rig whose plug is pulled."""
+        self.camera.close()
+        self.delays.close()
+
     def fire(self, generator: DelayGenerator) -> None:
         """A trigger of the delay generator."""
         self._shot(self.camera.waits_for("Line0"))

@@ -47,30 +47,42 @@ class EmulatedCamera:
         expose: called where the camera triggers itself (by software, or without trigger); it calls `send` or not.
     Other arguments:
         loss: probability that a packet of the stream, sent or sent again, never arrives; drawn from `draw`.
+        listen: address of the control channel, `host` by default; "" hears broadcasts too, by which clients discover cameras.
     """
 
     def __init__(
         self, host: str, rows: int, cols: int, *, serial: str, expose: Callable[[], None], draw: np.random.Generator,
         loss: float = 0.0, port: int = GVCP_PORT,
+        listen: str | None = None,
     ) -> None:  # fmt: skip
         self._memory = bytearray(_SIZE)
         for address, content in bootstrap(host, serial, rows, cols, description()).items():
             self._memory[address : address + len(content)] = content
         self._expose, self._draw, self._loss = expose, draw, loss
         self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._control.bind((host, port))
+        self._control.bind((host if listen is None else listen, port))
         self._stream = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._stream.bind((host, 0))
         self._owner: tuple[tuple[str, int] | None, float] = (None, 0.0)
         self._lock = threading.RLock()
         self._running = threading.Event()
         self._block = 0
+        self._closed = False
         self._kept: OrderedDict[int, list[bytes]] = OrderedDict()
 
     def start(self) -> None:
         """Serve in threads of their own, for as long as the process lives."""
         threading.Thread(target=self._serve, daemon=True).start()
         threading.Thread(target=self._run_free, daemon=True).start()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._closed = True
+        self._running.set()  # the free run ends too
+        for one in (self._control, self._stream):
+            with contextlib.suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+            one.close()
 
     @property
     def address(self) -> tuple[str, int]:
@@ -125,7 +137,8 @@ class EmulatedCamera:
                 return
             answer = self._answer(message, peer)
             if answer is not None and message.wants_answer:
-                self._control.sendto(answer, peer)
+                with contextlib.suppress(OSError):
+                    self._control.sendto(answer, peer)
 
     def _answer(self, message: Message, peer: tuple[str, int]) -> bytes | None:
         if self._owner[0] == peer:
@@ -212,7 +225,7 @@ class EmulatedCamera:
                     self._put(payload(block, number, b"", Status.PACKET_UNAVAILABLE))
 
     def _run_free(self) -> None:
-        while self._running.wait():
+        while self._running.wait() and not self._closed:
             if not self._word(FEATURES["TriggerMode"].address):
                 self._expose()
             time.sleep(_FREE_RUN_S)

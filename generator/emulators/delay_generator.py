@@ -5,6 +5,7 @@ Source: Stanford Research Systems, DG645 user manual, rev. 1.2, chapter 3 (remot
 
 from __future__ import annotations
 
+import contextlib
 import re
 import socket
 import threading
@@ -29,6 +30,7 @@ class DelayGenerator:
         self._fire = fire
         self._lock = threading.Lock()
         self.reset()
+        self._connections: list[socket.socket] = []
         self._server = socket.create_server((host, port))
 
     def reset(self) -> None:
@@ -66,12 +68,22 @@ class DelayGenerator:
         """Serve in threads of their own."""
         threading.Thread(target=self._accept, daemon=True).start()
 
+    def close(self) -> None:
+        """Stop serving, and end all connections."""
+        with contextlib.suppress(OSError):
+            self._server.shutdown(socket.SHUT_RDWR)
+        self._server.close()
+        for connection in self._connections:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+
     def _accept(self) -> None:
         while True:
             try:
                 connection, _ = self._server.accept()
             except OSError:
                 return
+            self._connections.append(connection)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             threading.Thread(target=self._talk, args=(connection,), daemon=True).start()
 

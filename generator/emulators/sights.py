@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 from ...scenes.records import record_of
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ...scenes.scene import Scene
     from .bench import Emulation, Sight
 
-__all__ = ["EMULATIONS", "emulated"]
+__all__ = ["EMULATIONS", "emulated", "tabled"]
 
 #: modality -> "module:object"
 EMULATIONS: dict[str, str] = {
@@ -25,3 +27,11 @@ def emulated(scene: Scene, hidden: int, seed: int) -> tuple[Scene, Sight]:
     )
     true = emulation.hidden(scene, hidden)
     return true, emulation.sight(true, seed)
+
+
+def tabled(file: Path, seed: int) -> tuple[Sight, Scene]:
+    """What a rig sees whose expectation was rendered before, and its scene. Raises InputError for a file that is no table."""
+    from .gated_table import GatedTable
+
+    sight = GatedTable(file, seed)
+    return sight, sight.scene

@@ -24,6 +24,7 @@ from .packets import (
     STREAM_OVERHEAD,
     PacketError,
     Register,
+    Status,
     StreamPacket,
     read_stream,
     resend_request,
@@ -110,9 +111,9 @@ class GigeCamera:
             self._aim()
             self._done = 0  # many cameras number anew
             features.run("AcquisitionStart")
-        except RegisterRefused as error:
-            raise DeviceLost(f"camera at {self._host}: {error}") from error
-        except (NoFeature, PacketError) as error:
+        except (NoFeature, PacketError, RegisterRefused) as error:
+            if isinstance(error, RegisterRefused) and error.status == Status.ACCESS_DENIED:
+                raise DeviceLost(f"camera at {self._host}: {error}") from error
             raise InputError(
                 "The camera cannot be set so.", where=f"camera at {self._host}", value=str(error),
                 next_step="change the settings of the camera in the rig file",
