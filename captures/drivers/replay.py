@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,8 +23,9 @@ class Replay:
     """The capture number `index` of the store `address`.
 
     Settings are the capture's own coordinates along the first dimension of its data ("delay", "laser_on", …), with or
-    without the unit behind ("delay_s"), and `shot`, the number of the element. A shot gives the next element that agrees
-    with all settings, in order, and then begins again; settings that the capture does not have are taken and told back.
+    without the unit behind ("delay_s"), and `shot`, the number among the elements that agree. Without it, a shot gives the
+    next element that agrees with all settings, in order, and then begins again; settings that the capture does not have are
+    taken and told back. `reference` gives the capture's reference, in whole numbers where its frames are.
     """
 
     def __init__(self, address: str, *, index: int = 0) -> None:
@@ -31,13 +33,14 @@ class Replay:
         self._data: NDArray[Any] | None = None
         self._coords: dict[str, NDArray[Any]] = {}
         self._settings: dict[str, Any] = {}
+        self._scale: dict[str, float] = {}
+        self._reference: NDArray[Any] | None = None
         self._used: dict[tuple[int, ...], int] = {}
         self._shots, self._armed = 0, False
 
     def open(self) -> Mapping[str, Any]:
         """As `Device.open`. Raises InputError where there is no such capture."""
-        with open_captures(self._path) as captures:
-            capture = captures[self._index].load()
+        capture = open_captures(self._path)[self._index].load()
         layout = layout_of(capture.attrs["modality"])
         data = capture[layout.data]
         first = data.dims[0]
@@ -45,8 +48,17 @@ class Replay:
         self._coords = {
             str(name): np.asarray(one.values) for name, one in capture.coords.items() if one.dims == (first,)
         }
+        # A delay is told back as it was set: before the declared time zero was added.
+        zero_s = float(json.loads(capture.attrs["rig"]).get("t0_s", 0.0))
+        if "delay" in self._coords:
+            self._coords["delay"] = self._coords["delay"] - zero_s
+        time_s = capture.coords.get("time")
+        if time_s is not None and time_s.dims == data.dims[-1:] and time_s.size > 1:  # the axis of a trace
+            self._scale = {"start_s": float(time_s[0]), "step_s": float(time_s[-1] - time_s[0]) / (time_s.size - 1)}
         extra = capture.get("reference")
-        self._reference = None if extra is None else np.asarray(extra.values)
+        if extra is not None:
+            whole = self._data.dtype.kind in "iu"
+            self._reference = (np.rint(extra.values) if whole else np.asarray(extra.values)).astype(self._data.dtype)
         return {"vendor": "Beambench", "model": "replay", "serial": f"{self._path.name}[{self._index}]", "firmware": ""}
 
     def configure(self, settings: Settings) -> Mapping[str, Any]:
@@ -54,9 +66,9 @@ class Replay:
         self._settings = dict(settings)
         if self._data is None:
             raise DeviceLost("replay: not open")
-        if "shot" not in settings and not settings.get("reference"):
+        if not settings.get("reference"):
             self._matching()
-        return dict(settings)
+        return dict(settings) | self._scale
 
     def arm(self) -> None:
         """As `Device.arm`."""
@@ -78,10 +90,10 @@ class Replay:
             if self._reference is None:
                 raise InputError("The capture that is played back has no reference.", where=str(self._path))
             return Reading(self._reference, self._shots, time.monotonic_ns(), time.time_ns())
+        fits = self._matching()
         if "shot" in self._settings:
-            element = int(self._settings["shot"]) % len(self._data)
+            element = int(fits[int(self._settings["shot"]) % fits.size])
         else:
-            fits = self._matching()
             key = tuple(fits.tolist())
             element = int(fits[self._used.get(key, 0) % fits.size])
             self._used[key] = self._used.get(key, 0) + 1

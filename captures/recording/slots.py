@@ -74,15 +74,18 @@ class SlotStore:
         return sum(line is not None for line in self.lines)
 
     def commit(self, slot: int, data: NDArray[Any], line: Mapping[str, Any]) -> None:
-        """Put a reading into its slot; it is on disk when this returns. Raises InputError where the disk is full."""
-        if data.shape != self.shape or data.dtype != self.dtype:
+        """Put a reading into its slot; it is on disk when this returns.
+
+        Numbers of a smaller type are widened. Raises InputError for data of another shape or type, and where the disk is full.
+        """
+        if data.shape != self.shape or not np.can_cast(data.dtype, self.dtype, "safe"):
             raise InputError(
                 "The device gives other data than the plan's instrument.", where=str(self.folder),
                 value=f"{data.shape} {data.dtype}", allowed=f"{self.shape} {self.dtype}",
                 next_step="correct the size in the plan (changes) or the settings in the rig file",
             )  # fmt: skip
         assert self._journal is not None and self._frames is not None
-        content = np.ascontiguousarray(data).tobytes()
+        content = np.ascontiguousarray(data, self.dtype).tobytes()
         whole = {"event": "slot", "slot": slot, "sha256": hashlib.sha256(content).hexdigest(), **line}
         try:
             _write_all(self._frames, content, slot * self._size)
