@@ -75,6 +75,7 @@ DRIVERS: dict[str, Driver] = {
             "scope-visa", "scope", "the same over USB, GPIB or VXI-11", "scope:Scope", "an emulated one over a VISA socket",
             ("pyvisa", "pyvisa_py"), "pip install 'beambench[drivers]'",
         ),
+        Driver("operator", "any", "what is set by hand: a shutter, a reference mirror", "operator:Operator", "a terminal"),
         Driver("replay", "camera", "a capture, played back as hardware", "replay:Replay", "captures of every modality"),
     )
 }  # fmt: skip

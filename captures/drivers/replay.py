@@ -28,6 +28,9 @@ class Replay:
     taken and told back. `reference` gives the capture's reference, in whole numbers where its frames are.
     """
 
+    #: It takes the number of a shot as a setting.
+    plays_back = True
+
     def __init__(self, address: str, *, index: int = 0) -> None:
         self._path, self._index = Path(address), index
         self._data: NDArray[Any] | None = None

@@ -48,11 +48,16 @@ class Devices:
     give_up_s: float
 
     def merged(self, by_role: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, tuple[str, Any]]]:
-        """{device: {setting: (role, value)}} of settings by role."""
+        """{device: {setting: (role, value)}} of settings by role.
+
+        The number of a shot is told to devices that play back only: no instrument has such a setting.
+        """
         found: dict[str, dict[str, tuple[str, Any]]] = {}
         for role, settings in by_role.items():
+            device = self.roles[role]
             for name, value in settings.items():
-                found.setdefault(self.roles[role], {})[name] = (role, value)
+                if name != "shot" or getattr(self.by_name[device], "plays_back", False):
+                    found.setdefault(device, {})[name] = (role, value)
         return found
 
 
@@ -127,8 +132,11 @@ class Session:
 
     def _configured(self, by_role: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
         """Settings as read back, by role."""
+        return self._set(self._devices.merged(by_role))
+
+    def _set(self, wanted: Mapping[str, Mapping[str, tuple[str, Any]]]) -> dict[str, dict[str, Any]]:
         told: dict[str, dict[str, Any]] = {}
-        for name, settings in self._devices.merged(by_role).items():
+        for name, settings in wanted.items():
             answer = self._devices.by_name[name].configure({key: value for key, (_, value) in settings.items()})
             for key, value in answer.items():
                 role = (
@@ -154,7 +162,9 @@ class Session:
         identities = {}
         for name, device in self._devices.by_name.items():
             identities[name] = dict(device.open())
-        self.fixed = self._configured(self._devices.settings)
+        # A device without settings is configured too: cameras begin to wait for triggers then.
+        nothing: dict[str, dict[str, tuple[str, Any]]] = {name: {} for name in self._devices.by_name}
+        self.fixed = self._set(nothing | self._devices.merged(self._devices.settings))
         self._last, self._silent = None, 0
         self._opened += 1
         self._store.note("opened", devices=identities, told=self.fixed, host_ns=time.time_ns())
