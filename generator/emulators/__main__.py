@@ -18,7 +18,7 @@ from ...scenes.errors import InputError
 from ...scenes.load import load_scene
 from ...scenes.overrides import parse_assignments
 from .bench import Bench, Faults, Sight
-from .sights import emulated, tabled
+from .sights import emulated
 
 __all__ = ["main"]
 
@@ -65,10 +65,9 @@ def main(tokens: list[str] | None = None) -> int:
     """Serve; the exit code."""
     given = _arguments(tokens)
     try:
-        if given.table:
-            sight, scene = tabled(Path(given.table), given.seed)
-        else:
-            scene, sight = emulated(load_scene(given.scene, parse_assignments(given.set)), given.hidden, given.seed)
+        table = Path(given.table) if given.table else None
+        scene = load_scene(given.scene, parse_assignments(given.set))
+        scene, sight = emulated(scene, given.hidden, given.seed, table)
         bench = _bench(given, sight)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

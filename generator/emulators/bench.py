@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -39,10 +40,12 @@ class Sight(Protocol):
 
 @dataclass(frozen=True)
 class Emulation:
-    """How a modality is emulated: `hidden` (scene, seed) gives the rig its true values, `sight` (scene, seed) what it sees."""
+    """How a modality is emulated: `hidden` (scene, seed) gives the rig its true values, `sight` (scene, seed) what it sees, and
+    `table` (file, seed) the scene and the sight of a table of expectations."""
 
     hidden: Callable[[Scene, int], Scene]
     sight: Callable[[Scene, int], Sight]
+    table: Callable[[Path, int], tuple[Scene, Sight]]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ echoes with the response at its own delay, then draws its own energy, jitter, ph
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from ..detector import detect, fixed_pattern
 from ..gated.direct import DirectScene, render_direct
 from ..gated.stack import expected_electrons
 from ..random import Stage, generator
-from .bench import Emulation
+from .bench import Emulation, Sight
+from .gated_table import GatedTable
 
 __all__ = ["EMULATION", "GatedSight", "hidden"]
 
@@ -100,4 +102,9 @@ class GatedSight:
         return self._of[key]
 
 
-EMULATION = Emulation(hidden, GatedSight)
+def _tabled(file: Path, seed: int) -> tuple[Scene, Sight]:
+    sight = GatedTable(file, seed)
+    return sight.scene, sight
+
+
+EMULATION = Emulation(hidden, GatedSight, _tabled)

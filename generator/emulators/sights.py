@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ...scenes.scene import Scene
     from .bench import Emulation, Sight
 
-__all__ = ["EMULATIONS", "emulated", "tabled"]
+__all__ = ["EMULATIONS", "emulated"]
 
 #: modality -> "module:object"
 EMULATIONS: dict[str, str] = {
@@ -20,18 +20,17 @@ EMULATIONS: dict[str, str] = {
 }
 
 
-def emulated(scene: Scene, hidden: int, seed: int) -> tuple[Scene, Sight]:
-    """The scene with its hidden values, and what its rig sees. Raises InputError for a modality that is not emulated."""
-    emulation: Emulation = record_of(
-        EMULATIONS, scene.modality, "There is no emulated rig of this modality.", "rig.kind"
-    )
+def emulated(scene: Scene, hidden: int, seed: int, table: Path | None = None) -> tuple[Scene, Sight]:
+    """The scene with its hidden values, and what its rig sees.
+
+    Other arguments:
+        table: a file of expectations that were rendered before, whose scene counts; only the modality of `scene` does then.
+
+    Raises InputError for a modality that is not emulated, and for a file that is no table.
+    """
+    missing = "There is no emulated rig of this modality."
+    emulation: Emulation = record_of(EMULATIONS, scene.modality, missing, "rig.kind")
+    if table is not None:
+        return emulation.table(table, seed)
     true = emulation.hidden(scene, hidden)
     return true, emulation.sight(true, seed)
-
-
-def tabled(file: Path, seed: int) -> tuple[Sight, Scene]:
-    """What a rig sees whose expectation was rendered before, and its scene. Raises InputError for a file that is no table."""
-    from .gated_table import GatedTable
-
-    sight = GatedTable(file, seed)
-    return sight, sight.scene
