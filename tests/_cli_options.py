@@ -1,7 +1,7 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
+`bound`, `gate`, `design`, `record` and `drivers list` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations
@@ -102,6 +102,8 @@ design: --set <text...> default None
 design: SCENE <text> required
 doctor: --debug <flag> default False
 doctor: --json <flag> default False
+drivers list: --debug <flag> default False
+drivers list: --json <flag> default False
 estimate: --debug <flag> default False
 estimate: --estimators -e <text...> default None
 estimate: --json <flag> default False
@@ -181,6 +183,16 @@ generate: --truth-components <flag> default False
 generate: --truth-electrons <flag> default False
 generate: --workers <number> default None
 generate: SOURCE <text> default None
+record: --debug <flag> default False
+record: --finish <flag> default False
+record: --json <flag> default False
+record: --out -o <text> default None
+record: --overwrite <flag> default False
+record: --plan <flag> default False
+record: --resume <flag> default False
+record: --rig <text> default None
+record: --set <text...> default None
+record: SOURCE <text> required
 report: --debug <flag> default False
 report: --json <flag> default False
 report: FOLDER <text> required
