@@ -60,18 +60,15 @@ class LiveFrame:
         body = "".join(f"\x1b[2K{row}\n" for row in [*picture, plain_text(line)])
         self._stream.write(up + body)
         self._stream.flush()
-        self._height = self._rows + 1 if self._sixel and frame is not None else len(picture) + 1
-
-    @property
-    def _rows(self) -> int:
-        return _ROWS
+        self._height = (_ROWS if self._sixel and picture else len(picture)) + 1
 
     def _picture(self, frame: NDArray[Any]) -> list[str]:
         image = frame[None, :] if frame.ndim == 1 else frame
         if not self._sixel:
             return blocks(image, _ROWS, _COLS)
-        # Room first, then back up: a picture at the bottom of the screen would scroll away what is above it.
-        return ["\n" * (_ROWS - 1) + f"\x1b[{_ROWS - 1}F" + sixel(image) + f"\x1b[{_ROWS}B"][:1]
+        # Room first, then back up: at the bottom of the screen a picture would scroll away what is above it.
+        room = _ROWS - 1
+        return ["\n" * room + f"\x1b[{room}A\x1b7" + sixel(image) + f"\x1b8\x1b[{room}B"]
 
 
 def progress_line(done: int, total: int, taken: int, spent_s: float, text: str) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ class AndorCamera:
     """An Andor camera of SDK 2 (`address`: its number) by pylablib, on its external trigger. Untried."""
 
     def __init__(self, address: str = "0") -> None:
-        self._address, self._camera, self._index = address, None, 0
+        self._address, self._index = address, 0
+        self._camera: Any = None
 
     def open(self) -> Mapping[str, Any]:
         """As `Device.open`."""
@@ -88,7 +89,8 @@ class MicroManagerCamera:
     """A camera of Micro-Manager by pymmcore: `address` is MODULE/DEVICE, e.g. "DemoCamera/DCam"; `adapters` their folder."""
 
     def __init__(self, address: str, *, adapters: str = "") -> None:
-        self._address, self._adapters, self._core, self._index = address, adapters, None, 0
+        self._address, self._adapters, self._index = address, adapters, 0
+        self._core: Any = None
 
     def open(self) -> Mapping[str, Any]:
         """As `Device.open`."""
@@ -148,7 +150,7 @@ class MicroManagerCamera:
 
 
 @contextlib.contextmanager
-def _told_as_lost(address: str) -> Any:
+def _told_as_lost(address: str) -> Iterator[None]:
     try:
         yield
     except (DeviceLost, DeviceTimeout):

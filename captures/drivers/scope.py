@@ -93,7 +93,8 @@ class _Visa:
     """The same link by pyvisa (extra `drivers`)."""
 
     def __init__(self, resource: str) -> None:
-        self._resource, self._instrument = resource, None
+        self._resource = resource
+        self._instrument: Any = None
 
     def open(self) -> None:
         try:

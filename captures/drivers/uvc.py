@@ -41,7 +41,8 @@ class UvcCamera:
 
     def configure(self, settings: Settings) -> Mapping[str, Any]:
         """As `Device.configure`: OpenCV's properties, asked for after they are set."""
-        cv2, told = self._library(), {}
+        cv2 = self._library()
+        told: dict[str, Any] = {}
         for name, value in settings.items():
             number = getattr(cv2, name, None) if name.startswith("CAP_PROP_") else None
             if number is None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Literal, Protocol
 from xml.etree import ElementTree
 
 from .formula import FormulaError, evaluate
@@ -234,7 +234,8 @@ class _Node:
         return value
 
     def to_bytes(self, value: float, old: bytes) -> bytes:
-        size, order = self.size(), "big" if self._order() == ">" else "little"
+        size = self.size()
+        order: Literal["big", "little"] = "big" if self._order() == ">" else "little"
         if self.kind == "FloatReg":
             return struct.pack(self._order() + _float_code(self), value)
         number = round(value)
@@ -245,7 +246,7 @@ class _Node:
                 raise NoFeature(f"{number} does not fit into {self.name}")
             number = int.from_bytes(old, order) & ~(mask << low) | number << low
         try:
-            return number.to_bytes(size, order, signed=self.find("Sign") == "Signed")  # type: ignore[arg-type]
+            return number.to_bytes(size, order, signed=self.find("Sign") == "Signed")
         except OverflowError as error:
             raise NoFeature(f"{number} does not fit into {self.name}") from error
 
