@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .verbs.data import data_card, data_finalize, data_repair, data_status, data_verify
     from .verbs.design import design
     from .verbs.doctor import doctor
+    from .verbs.drivers import drivers_list
     from .verbs.estimate import estimate
     from .verbs.estimators import estimators_check, estimators_list, estimators_new, estimators_train
     from .verbs.export import export
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from .verbs.gate import gate
     from .verbs.generate import generate
     from .verbs.import_ import import_
+    from .verbs.record import record
     from .verbs.report import report
     from .verbs.reproduce import reproduce
     from .verbs.run import run
@@ -52,6 +54,7 @@ __all__ = [
     "data_verify",
     "design",
     "doctor",
+    "drivers_list",
     "estimate",
     "estimators_check",
     "estimators_list",
@@ -62,6 +65,7 @@ __all__ = [
     "gate",
     "generate",
     "import_",
+    "record",
     "report",
     "reproduce",
     "run",
@@ -89,6 +93,7 @@ _HOME = {
     "data_verify": ".verbs.data",
     "design": ".verbs.design",
     "doctor": ".verbs.doctor",
+    "drivers_list": ".verbs.drivers",
     "estimate": ".verbs.estimate",
     "estimators_check": ".verbs.estimators",
     "estimators_list": ".verbs.estimators",
@@ -99,6 +104,7 @@ _HOME = {
     "gate": ".verbs.gate",
     "generate": ".verbs.generate",
     "import_": ".verbs.import_",
+    "record": ".verbs.record",
     "report": ".verbs.report",
     "reproduce": ".verbs.reproduce",
     "run": ".verbs.run",

@@ -35,6 +35,8 @@ class Stage(IntEnum):
     SCREEN = 20  # turbulence; a block is a frame and a layer
     POINTING = 21
     IMAGER = 22  # the camera beside the lenslets; a block is a frame
+    HIDDEN = 23  # by how much an emulated rig differs from what is written down
+    FAULTS = 24  # of an emulated rig: lost packets and silent shots; a block is an instrument
 
 
 class _Count:

@@ -7,6 +7,8 @@ One kind has changed since: `generate --seeds` took text, of which the command m
 `--dask`, `--job`, `--slurm` and `--time-limit-s` of `generate`.
 `bound`, `gate`, `design`, `calibrate`, `import` and `generate --rig` are new, and so are
 `--compare`, `--chart` and `--overwrite` of `estimators check`.
+`bound`, `gate`, `design`, `record` and `drivers list` are new, and so are `--compare`, `--chart` and `--overwrite` of
+`estimators check`.
 """
 
 from __future__ import annotations
@@ -120,6 +122,8 @@ design: --set <text...> default None
 design: SCENE <text> required
 doctor: --debug <flag> default False
 doctor: --json <flag> default False
+drivers list: --debug <flag> default False
+drivers list: --json <flag> default False
 estimate: --debug <flag> default False
 estimate: --estimators -e <text...> default None
 estimate: --json <flag> default False
@@ -219,6 +223,16 @@ import: --out -o <text> default None
 import: --overwrite <flag> default False
 import: --scaffold <flag> default False
 import: FILES <text...> required
+record: --debug <flag> default False
+record: --finish <flag> default False
+record: --json <flag> default False
+record: --out -o <text> default None
+record: --overwrite <flag> default False
+record: --plan <flag> default False
+record: --resume <flag> default False
+record: --rig <text> default None
+record: --set <text...> default None
+record: SOURCE <text> required
 report: --debug <flag> default False
 report: --json <flag> default False
 report: FOLDER <text> required

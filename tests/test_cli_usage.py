@@ -20,6 +20,7 @@ COMMANDS = (
     "estimate",
     "score", "estimators list", "estimators check", "estimators new", "report", "compare", "doctor",
     "export", "bound", "design", "sweep", "break", "fidelity", "reproduce",
+    "record", "drivers list",
 )  # fmt: skip
 
 

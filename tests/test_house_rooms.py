@@ -32,11 +32,11 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents", "readers", "lazy", "exports", "imports",
+        "example", "export", "contents", "readers", "lazy", "exports", "imports", "drivers", "recording",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",
-        "preview", "captured", "generate", "workshop",
+        "preview", "captured", "generate", "workshop", "emulators",
     ),
     "estimators": (
         "labels", "rig", "declared", "response", "result", "builtin", "chain", "registry", "fit", "gated", "waveform", "amcw",
@@ -57,7 +57,9 @@ LONGEST = 60
 TABLES = {
     "scenes/rigs/__init__.py": "RIGS",
     "captures/layouts/__init__.py": "LAYOUTS",
+    "captures/recording/recipe.py": "RECIPES",
     "generator/models.py": "MODELS",
+    "generator/emulators/sights.py": "EMULATIONS",
     "estimators/builtin.py": "BUILTIN",
     "benchmarks/judges/__init__.py": "JUDGES",
     "api/health/modalities.py": "NOT_YET",

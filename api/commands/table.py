@@ -22,6 +22,7 @@ _COMMANDS = {
     "data verify": (0, "data:VERIFY"),
     "data repair": (0, "data:REPAIR"),
     "data finalize": (0, "data:FINALIZE"),
+    "record": (4, "record:RECORD"),
     "estimate": (5, "estimate:ESTIMATE"),
     "score": (6, "estimate:SCORE"),
     "estimators list": (0, "estimators:LIST"),
@@ -40,6 +41,7 @@ _COMMANDS = {
     "compare": (21, "compare:COMPARE"),
     "reproduce": (22, "reproduce:REPRODUCE"),
     "gate": (23, "gate:GATE"),
+    "drivers list": (0, "drivers:LIST"),
     "doctor": (80, "doctor:DOCTOR"),
 }
 #: Group -> (its place, its help).
@@ -47,6 +49,7 @@ _GROUPS = {
     "scenes": (2, "List the scenes of the library, show one in full, draw it, or begin one of your own."),
     "suites": (2, "List the suites, show one, or begin one of your own."),
     "data": (4, "Look at stores of captures: what they hold, and whether they are undamaged."),
+    "drivers": (79, "List the drivers of cameras, delay generators and oscilloscopes, and how to get them."),
     "estimators": (7, "List the estimators, check one against the laws, train one, or begin one of your own."),
 }
 

@@ -13,12 +13,13 @@ __all__ = ["doctor"]
 def doctor() -> list[Finding]:
     """Show what works on this machine, what is missing, and how to install it; the exit code is 1 if a required part is broken.
 
-    Python, packages, renderer, modalities, kernels with their cache and environment, extras, the isolation of estimators and
-    disks are examined; nothing is changed or downloaded.
+    Python, packages, renderer, modalities, kernels with their cache and environment, extras, drivers of devices,
+    the isolation of estimators and disks are examined; nothing is changed or downloaded.
 
     Returns:
         One record per part: `group`, `name`, `state` ("ok", "missing", "warning" or "broken"), `found`, `advice`.
     """
+    from ..health.devices import drivers
     from ..health.kernels import environment, kernel_cache, threads
     from ..health.machine import disks, jail, python
     from ..health.modalities import modalities
@@ -26,4 +27,15 @@ def doctor() -> list[Finding]:
     from ..health.rendering import cuda, renderer
 
     kernels = [threads(), kernel_cache(), *environment()]
-    return [*python(), *packages(), renderer(), cuda(), *modalities(), *kernels, *extras(), jail(), *disks()]
+    return [
+        *python(),
+        *packages(),
+        renderer(),
+        cuda(),
+        *modalities(),
+        *kernels,
+        *extras(),
+        *drivers(),
+        jail(),
+        *disks(),
+    ]

@@ -1,1 +1,1 @@
-"""beambench."""
+"""Drivers: cameras, delay generators and oscilloscopes behind one small protocol; each is imported when it is opened."""

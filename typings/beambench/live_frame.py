@@ -1,0 +1,1 @@
+../../api/live_frame.py
