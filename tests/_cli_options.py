@@ -1,14 +1,6 @@
-"""The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
+"""The options of every command: as the command line has them, and as they were recorded on 2026-11-30.
 
-One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound`, `gate`, `design`, `scenes new` and `suites …` are new, and so are `--compare`, `--chart` and `--overwrite` of
-`estimators check`.
-`bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`, and `--array`,
-`--dask`, `--job`, `--slurm` and `--time-limit-s` of `generate`.
-`bound`, `gate`, `design`, `calibrate`, `import` and `generate --rig` are new, and so are
-`--compare`, `--chart` and `--overwrite` of `estimators check`.
-`bound`, `gate`, `design`, `record` and `drivers list` are new, and so are `--compare`, `--chart` and `--overwrite` of
-`estimators check`.
+One kind has changed since 2026-11-28: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ ORDER: dict[str, tuple[str, ...]] = {
         "reconstruction",
     ),
     "scenes": (
-        "readers", "rigs", "materials", "procedural", "shapes", "spec_files", "rig_files", "meshes", "textures", "scene", "declared",
-        "possible",
+        "readers", "rigs", "materials", "procedural", "shapes", "spec_files", "rig_files", "meshes", "textures", "scene",
+        "declared", "possible",
         "load",
         "datasets",
     ),
