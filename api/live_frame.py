@@ -114,7 +114,7 @@ def _sampled(image: NDArray[Any], rows: int, cols: int) -> NDArray[np.float64]:
 
 def _levels(image: NDArray[np.float64], top: int) -> NDArray[np.int64]:
     low, high = np.percentile(image, (1, 99.5))
-    return np.clip(np.rint((image - low) / max(high - low, 1e-9) * top), 0, top).astype(np.int64)
+    return np.asarray(np.clip(np.rint((image - low) / max(high - low, 1e-9) * top), 0, top), np.int64)
 
 
 def _draws_sixels(stream: TextIO) -> bool:

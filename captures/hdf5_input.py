@@ -81,7 +81,7 @@ class Hdf5Input:
     def bytes(self, name: str) -> int:
         """Size of an array in bytes."""
         dataset = self._dataset(name)
-        return int(dataset.dtype.itemsize) * math.prod(dataset.shape)
+        return int(dataset.dtype.itemsize * math.prod(dataset.shape))
 
     def shape(self, name: str) -> tuple[int, ...]:
         """The shape of an array."""

@@ -52,7 +52,7 @@ def import_(
     """
     from ..scenes.errors import InputError
 
-    given = [files] if isinstance(files, str | Path) else list(files)
+    given: list[str | Path] = [files] if isinstance(files, str | Path) else list(files)
     if not given:
         raise InputError("No file is named.", where="FILES", next_step="beambench import --help")
     for one in given:

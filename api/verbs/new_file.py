@@ -31,9 +31,10 @@ def write_new(
     import difflib
 
     from ..benchmarks.folders.files import write_atomic
-    from ..output import check_free, local_path
+    from ..output import check_free
     from ..scenes.errors import InputError
     from ..scenes.new_files import begun_from, check_spec_name
+    from ..scenes.places import local_path
 
     check_spec_name(name, kind)
     if like not in names:

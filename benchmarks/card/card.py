@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -136,11 +137,17 @@ def _contents(card: Card) -> list[Block]:
     ]  # fmt: skip
 
 
+def _table(made: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of the provenance, {} where there is none."""
+    found = made.get(name)
+    return found if isinstance(found, dict) else {}
+
+
 def _made(card: Card) -> list[Block]:
     data, made = card.data, card.provenance
-    packages = made.get("packages") if isinstance(made.get("packages"), dict) else {}
+    packages = _table(made, "packages")
     versions = ", ".join(f"{name} {version}" for name, version in packages.items())
-    cpu = made.get("cpu") if isinstance(made.get("cpu"), dict) else {}
+    cpu = _table(made, "cpu")
     rows = [
         ("made by", f"beambench {made.get('beambench', _UNSTATED)}, Python {made.get('python', _UNSTATED)}"),
         ("packages", versions or _UNSTATED), ("processor", str(cpu.get("model", _UNSTATED))),
@@ -172,7 +179,7 @@ def _drawn(card: Card) -> list[Block]:
         for one in card.drawn
         if math.isfinite(one.distance)
     ]
-    table = [Table(("parameter", "distance", "limit", "drawn"), rows)] if rows else []
+    table: list[Block] = [Table(("parameter", "distance", "limit", "drawn"), rows)] if rows else []
     told = "Distance of Kolmogorov and Smirnov between what was drawn and what was asked; one of 100 sound ones exceeds the limit."
     return [Heading("What was drawn"), Figures(figures), *([Paragraph(told), *table] if rows else [])]
 

@@ -152,12 +152,12 @@ def _near(scenes: list[tuple[int, str, dict[str, float], str]], found: Leaks) ->
         if not values.shape[1] or not train.any():
             continue
         tree = cKDTree(values[train])
-        numbers = np.array([one[0] for one in members])
+        order = np.array([one[0] for one in members])
         if train.sum() > 1:
             own += tree.query(values[train], k=2, p=np.inf)[0][:, 1].tolist()
         for index in np.flatnonzero(~train):
             distance, nearest = tree.query(values[index], p=np.inf)
-            pairs[members[index][1]].append((float(distance), int(numbers[index]), int(numbers[train][nearest])))
+            pairs[members[index][1]].append((float(distance), int(order[index]), int(order[train][nearest])))
     found.own = float(np.median(own)) if own else float("nan")
     for part, listed in sorted(pairs.items()):
         listed.sort()

@@ -42,6 +42,7 @@ def _picture(path: Path) -> None:
     values: npt.NDArray[Any] = _pixels().astype(np.float32) if path.suffix == ".exr" else _pixels()
     kind = oiio.FLOAT if path.suffix == ".exr" else oiio.UINT16
     file = oiio.ImageOutput.create(str(path))
+    assert file is not None
     file.open(str(path), oiio.ImageSpec(16, 12, 1, kind))
     file.write_image(values[..., None])
     file.close()

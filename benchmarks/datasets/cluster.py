@@ -218,7 +218,7 @@ def _client(address: str) -> Any:
             "Dask is not installed.", where="--dask", value=address, next_step="pip install 'beambench[dask]'"
         ) from error
     try:
-        return Client(address, timeout=_SCHEDULER_S, set_as_default=False)
+        return Client(address, timeout=_SCHEDULER_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             "No Dask scheduler answers there.", where="--dask", value=address, allowed="tcp://HOST:PORT or tls://HOST:PORT",

@@ -116,7 +116,7 @@ def made(name: object, options: Mapping[str, Any], where: str) -> Device:
                 value=value,
                 allowed=", ".join(known),
             )
-        kind = {"str": str, "int": int, "float": (int, float)}.get(str(known[option].annotation), object)
+        kind: Any = {"str": str, "int": int, "float": (int, float)}.get(str(known[option].annotation), object)
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not object):
             raise InputError(
                 "The option has the wrong type.",

@@ -49,12 +49,13 @@ def images_of(capture: xr.Dataset, facts: dict[str, Any], where: str) -> list[Im
         for label, part in _real(str(name), values):
             planes = planes_of(label, list(map(str, variable.dims)), _single(part, f"{where}: {whole[1]}"))
             groups.setdefault(planes.dims, []).extend(_channels(planes))
+    data = {str(name): one for name, one in capture.data_vars.items()}
     about = {
         "beambench:facts": json.dumps(facts), "beambench:attributes": json.dumps(plain_attributes(capture.attrs)),
         "beambench:coordinates": json.dumps(coordinates_of(capture)),
-        "beambench:variables": json.dumps(described(capture.data_vars)), "beambench:rounded": " ".join(rounded),
+        "beambench:variables": json.dumps(described(data)), "beambench:rounded": " ".join(rounded),
     }  # fmt: skip
-    images = []
+    images: list[Any] = []
     for dims, channels in groups.items():
         channels = sorted(channels)  # OpenEXR sorts them
         values = np.stack([one for _, one in channels], axis=-1)

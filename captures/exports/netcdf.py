@@ -105,9 +105,9 @@ def _create(file: Any, capture: xr.Dataset, told: Mapping[str, type], count: int
     for name in _COMMON:
         file.attrs[name] = capture.attrs[name]
     file.attrs["Conventions"] = "CF-1.11"
-    for name, variable in capture.variables.items():
+    for label, variable in capture.variables.items():
         values = np.asarray(variable.values)
-        for part, own in _parts(str(name), values):
+        for part, own in _parts(str(label), values):
             packed = {"chunks": (1, *own.shape), "compression": "gzip", "compression_opts": 1, "shuffle": True}
             made = file.create_variable(
                 part, ("capture", *map(str, variable.dims)), own.dtype, **(packed if own.size else {})

@@ -73,7 +73,9 @@ def listed(values: Array) -> Any:
     if values.dtype.kind == "c":
         return listed(np.stack([values.real, values.imag], axis=-1))
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        return np.where(np.isfinite(values), values.astype(object), None).tolist()
+        gaps = values.astype(object)
+        gaps[~np.isfinite(values)] = None
+        return gaps.tolist()
     return values.tolist()
 
 

@@ -165,7 +165,8 @@ def _counted(recording: Recording, tags: Tags, where: str) -> Array:
 
 
 def _stacked(variable: Variable, spec: Values, files: Files, paths: list[Path], where: str) -> Array:
-    parts, axes = [], spec.axes
+    parts: list[Array] = []
+    axes = spec.axes
     for path in paths:
         recording = files.read(path)
         array = recording.array(spec.array, f"{where}: {path.name}")

@@ -31,14 +31,14 @@ def read_mat(path: Path) -> Recording:
     _check_packed(content)
     total = 0
     names = []
-    for name, shape, kind in whosmat(io.BytesIO(content)):
+    for name, shape, kind in whosmat(io.BytesIO(content)):  # type: ignore[arg-type]  # the stubs know paths only
         if kind in _NUMBERS:
             check_bytes(shape, 16, name)
             total += int(np.prod(shape)) * 16
             names.append(name)
     if total > MOST_BYTES or not names:
         raise ValueError("it holds no array of numbers" if not names else f"more than {MOST_BYTES:,} bytes")
-    loaded = loadmat(io.BytesIO(content), variable_names=names, struct_as_record=True)
+    loaded = loadmat(io.BytesIO(content), variable_names=names, struct_as_record=True)  # type: ignore[arg-type]
     arrays = {name: np.asarray(loaded[name]) for name in names}
     main = max(arrays, key=lambda name: arrays[name].size)
     return Recording({main: arrays.pop(main), **arrays})

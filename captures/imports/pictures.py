@@ -6,6 +6,7 @@ Values are those of the file: no gamma, no scaling to 0 … 1.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,9 @@ def read_picture(path: Path) -> Recording:
     try:
         pages: list[Array] = []
         first = file.spec()
-        header = {name: first[name] for name in ("DateTime", "ExposureTime", "Software") if first.getattribute(name)}
+        header: dict[str, Any] = {
+            name: first[name] for name in ("DateTime", "ExposureTime", "Software") if first.getattribute(name)
+        }
         while file.seek_subimage(len(pages), 0):
             spec = file.spec()
             dtype = _DTYPES.get(str(spec.format))

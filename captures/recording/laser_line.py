@@ -46,7 +46,10 @@ def _slots(scan: LineSurvey, scene: Scene) -> list[Slot]:
     slots = []
     for frame in range(len(scan.poses())):
         lit = frame >= scan.dark
-        settings = {"laser": {"laser_on": lit}, "camera": {"shot": max(frame - scan.dark, 0)}}
+        settings: dict[str, dict[str, Any]] = {
+            "laser": {"laser_on": lit},
+            "camera": {"shot": max(frame - scan.dark, 0)},
+        }
         slots += [Slot("scan" if lit else "dark", frame, settings)] * scan.averages
     return slots
 

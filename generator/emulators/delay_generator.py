@@ -132,8 +132,10 @@ class DelayGenerator:
         except IndexError:
             return self._fail(_MISSING)
 
-    def _fail(self, number: int) -> None:
+    def _fail(self, number: int) -> str | None:
+        """Keep the number of an error until it is asked for; a command that fails has no answer."""
         self._error = number
+        return None
 
     def _identity(self, query: bool, rest: list[str]) -> str | None:
         return "Stanford Research Systems,DG645,s/n001234,ver1.10.000E"

@@ -88,7 +88,7 @@ class GatedSight:
             "time": np.zeros(1),
         }
         electrons, _ = expected_electrons(scene, direct, coords, self._seed, shot, _RTOL)
-        return detect(electrons, rig.detector, self._pattern, self._seed, shot)[0]
+        return np.asarray(detect(electrons, rig.detector, self._pattern, self._seed, shot)[0])
 
     def _seen(self, pulses: int, exposure_s: float) -> tuple[Scene, DirectScene]:
         """The scene with these pulses and this exposure, and its echoes, traced once."""

@@ -55,4 +55,4 @@ class GatedTable:
         near = int(np.argmin(np.abs(self._delays - delay_s)))
         lit = laser_on and abs(float(self._delays[near]) - delay_s) < _SAME_S
         mean = self._electrons[near] if lit else np.full(self.shape, self._ambient, np.float32)
-        return detect(mean[None], gated_rig(self.scene).detector, self._pattern, self._seed, shot)[0]
+        return np.asarray(detect(mean[None], gated_rig(self.scene).detector, self._pattern, self._seed, shot)[0])

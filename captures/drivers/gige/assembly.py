@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,7 @@ __all__ = ["Assembly", "dtype_of"]
 _DTYPES = {MONO8: np.dtype("u1"), MONO16: np.dtype("<u2")}
 
 
-def dtype_of(pixel_format: int) -> np.dtype[np.unsignedinteger]:
+def dtype_of(pixel_format: int) -> Any:
     """The numbers of a pixel format. Raises PacketError for one that is not Mono8 or Mono16."""
     if pixel_format not in _DTYPES:
         raise PacketError(f"the pixel format {pixel_format:#x} is not read; Mono8 and Mono16 are")

@@ -100,7 +100,7 @@ class _Reader:
             raised = value**power
             if isinstance(raised, complex):
                 raise FormulaError("a root of a negative number")
-            return raised
+            return float(raised)
         return value
 
     def _atom(self, depth: int) -> float:
