@@ -31,7 +31,7 @@ from ..rig import DeclaredRig, Samples
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan
 
-__all__ = ["ResponseFit", "fit_response", "response_profile", "surveyed_delay"]
+__all__ = ["ResponseFit", "delays_before", "fit_response", "response_profile", "surveyed_delay"]
 
 Float = npt.NDArray[np.float64]
 
@@ -315,3 +315,12 @@ def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[
         value = np.bincount(place, a * y[used], bins) / weight
         sigma = np.sqrt(np.bincount(place, a**2 * spread[used], bins)) / weight
     return {"u_s": 0.5 * (edges[1:] + edges[:-1]), "value": value, "sigma": sigma}
+
+
+def delays_before(scan: DelayScan, tau_s: Float) -> npt.NDArray[np.bool_]:
+    """Delays (delay) at which the gate has closed before the echo of any pixel arrives: what they show is scattered on the way."""
+    response = _response(scan.rig, 1.0, 1.0)
+    known = tau_s[np.isfinite(tau_s)]
+    # 1.1: the response may be wider than declared.
+    late = response.centroid_s + 1.1 * (response.hi_s - response.centroid_s)
+    return np.asarray(float(np.quantile(known, 0.001)) - scan.delay_s > late)
