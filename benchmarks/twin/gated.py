@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,8 +13,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...estimators.calibration.gated_delay_scan import ScanValues, delay_scan_values, known_range
+from ...estimators.calibration.gated_noise import dark_statistics, noise_statistics
 from ...estimators.calibration.gated_scan import DelayScan, read_scan, scan_half
-from ...estimators.calibration.gated_widths import delays_before, fit_response, surveyed_delay
+from ...estimators.calibration.gated_widths import delays_before, fit_response, surveyed_delay, time_bound_s
+from ...estimators.rig import DeclaredRig
+from ...scenes.declared import declared_rig
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from .clause import Ask, Evidence, TwinKind
@@ -53,7 +57,7 @@ def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Floa
     rig = ask.rig
     if rig is None:
         base = twin_scene(capture, ask.scene, {}, settings)
-        rig, _ = calibrated_half(_as_declared(first, base), range_m, base)
+        rig, _ = calibrated_half(read_with_rig_of(base, first), range_m, base)
     scene = twin_scene(capture, ask.scene, rig.values, settings)
     uncertain = uncertain_of(scene, rig.sigmas)
     fitted = None
@@ -63,18 +67,8 @@ def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Floa
     return rendered_twin(scene, first, uncertain, fitted, ask.fidelity, range_m is not None), rig
 
 
-def _as_declared(scan: DelayScan, base: Scene) -> DelayScan:
-    """A scan whose declared rig is that of a scene; what the delay generator was set to stays."""
-    return read_with_rig_of(base, scan)
-
-
 def read_with_rig_of(scene: Scene, scan: DelayScan) -> DelayScan:
     """A scan as it is read with the rig of a scene."""
-    import json
-
-    from ...estimators.rig import DeclaredRig
-    from ...scenes.declared import declared_rig
-
     values = declared_rig(scene)
     rig = DeclaredRig(json.dumps(values, allow_nan=False), values)
     return replace(scan, delay_s=settings_of(scan) + gated_rig(scene).t0_s, rig=rig)
@@ -157,14 +151,12 @@ def _bounds(judged: DelayScan, frame: Frame, fit: Any, answers: Ranges) -> dict[
     """Least standard errors: from the Fisher information of the moment form for times and widths, from the numbers of samples for the
     noise; the Cramér-Rao bound of one repeat for the precision."""
     pixels, dark = judged.counts.shape[2], len(judged.dark)
-    from ...estimators.calibration.gated_noise import dark_statistics, noise_statistics
-
     noise, off = noise_statistics(judged), dark_statistics(judged)
-    free = fit if frame.known_s is None else fit_response(judged, response=False)
     n_g = judged.rig.number("medium.group_index", above=0)
     half = 0.5 * 299792458.0 / n_g
-    good = np.isfinite(free.tau_sigma_s) & (free.amplitude > 5 * free.amplitude_sigma)
-    bound = float(np.sqrt((free.tau_sigma_s[good] ** 2).mean() * judged.repeats)) * half if good.any() else math.nan
+    times = time_bound_s(judged, fit)
+    good = np.isfinite(times) & (fit.amplitude > 5 * fit.amplitude_sigma)
+    bound = float(np.sqrt((times[good] ** 2).mean())) * half if good.any() else math.nan
     return {
         "gain": noise["slope"].sigma, "excess": noise["excess"].sigma, "fluctuation": noise["fluctuation"].sigma,
         "offset": off["noise"].value / math.sqrt(pixels * dark),
@@ -186,6 +178,7 @@ def _why_not(real: Mapping[str, float], frame: Frame, ask: Ask) -> dict[str, str
         "backscatter": "no delay lies before the echo: begin the scan earlier by the length of the response",
         "pulse": "the scan does not tell pulse from gate: see the response as a whole",
         "gate": "the scan does not tell pulse from gate: see the response as a whole",
+        "response": "pulse and gate are told apart: see these two",
         "prnu": "the pattern of the light is fitted to the recording, so that the pixels' own is part of it: name the scene with --scene",
         "excess": "the third cumulant needs three repeats, and delays with few electrons",
     }  # fmt: skip

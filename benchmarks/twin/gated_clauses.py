@@ -19,8 +19,8 @@ CLAUSES = (
         "the twin's detector gives another variance for the same light: its gain × F² is wrong",
     ),
     Clause(
-        "excess", "Excess noise factor F², by the third cumulant", "1", 1.0, 0.1, 0.2,
-        "10 %, but not below 0.2: sigmas then err by 5 %", _NO_SOURCE,
+        "excess", "Excess noise factor F², by the third cumulant", "1", 1.0, 0.0, 0.5,
+        "0.5: a tube of F² = 1.8 is told from none; sigmas err by 15 %", _NO_SOURCE,
         "more than the first three moments of the tube's pulses; a phosphor that spreads light over pixels lowers it",
         "the twin's amplification is of another randomness: an intensifier is left out, or its F² is wrong",
     ),

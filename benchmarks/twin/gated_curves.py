@@ -47,10 +47,7 @@ def _squares(answers: Ranges, frame: Frame, labels: Sequence[str]) -> Float:
     found = []
     for label in labels:
         values = answers.range_m[label]
-        with np.errstate(invalid="ignore"):
-            centre = frame.range_m if frame.range_m is not None else np.where(
-                np.isfinite(values).any(axis=0), np.nanmean(np.where(np.isfinite(values), values, np.nan), axis=0), np.nan
-            )
+        centre = frame.range_m if frame.range_m is not None else values.mean(axis=0)
         found.append(np.where(np.isfinite(values), (values - centre) ** 2, np.nan).mean(axis=0))
     held = np.stack(found)
     worst = float(np.nanmax(held)) if np.isfinite(held).any() else 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class GatedTwin:
     settings_s: Float
     shape: tuple[int, int]
 
-    @property
+    @cached_property
     def declared(self) -> DeclaredRig:
         """The twin's rig as estimators see it."""
         values = declared_rig(self.scene)
@@ -72,7 +73,7 @@ class GatedTwin:
         """Counts above the dark level without noise, (delay, pixel)."""
         rig = gated_rig(self.scene)
         coords = _coordinates(self.scene, self.settings_s, 1, 0)
-        still = replace_still(self.scene)
+        still = still_scene(self.scene)
         light, ambient = expected_electrons(still, self.light, coords, 0, _KEY)
         tube = rig.detector.intensifier
         gain = rig.detector.gain_dn_per_e * (1.0 if tube is None else tube.gain)
@@ -86,11 +87,14 @@ class GatedTwin:
         rig = gated_rig(scene)
         coords = _coordinates(scene, self.settings_s, repeats, dark)
         light = self.light if self.spread is None else _moved(self.light, self.spread, rng)
+        # The light was matched in DN: another gain comes with inversely many electrons.
+        scale = gated_rig(self.scene).detector.gain_dn_per_e / rig.detector.gain_dn_per_e
+        light = replace(light, returns=replace(light.returns, amplitude=light.returns.amplitude * scale))
         expected, _ = expected_electrons(scene, light, coords, seed, _KEY)
         if self.scattered.any():
             _, energy = slice_settings(scene, coords, seed, _KEY)
             lit = len(self.settings_s) * repeats
-            extra = np.repeat(self.scattered, repeats, axis=0) * energy[:lit, None].astype(np.float32)
+            extra = np.repeat(self.scattered, repeats, axis=0) * (scale * energy[:lit, None]).astype(np.float32)
             expected[:lit] += extra.reshape(lit, *self.shape)
         chip = rig.detector.model_copy(update={"fixed_pattern_seed": seed})  # another chip of the same make
         counts = detect(expected, chip, fixed_pattern(chip, *self.shape), seed, _KEY)
@@ -102,7 +106,7 @@ class GatedTwin:
         )  # fmt: skip
 
 
-def replace_still(scene: Scene) -> Scene:
+def still_scene(scene: Scene) -> Scene:
     """The scene with a laser that neither varies in energy nor jitters from frame to frame."""
     laser = gated_rig(scene).laser.model_copy(update={"energy_fluctuation": 0.0, "jitter_frame_s": 0.0})
     return scene.model_copy(update={"rig": gated_rig(scene).model_copy(update={"laser": laser})})
@@ -149,7 +153,7 @@ def rendered_twin(
     if fitted is not None:
         return _of_map(scene, first, uncertain, fitted, gain, surveyed)
     request = checked(scene, seed=0, capture_key=_KEY, fidelity=fidelity or "direct", rtol=3e-3)
-    still = replace_still(scene)
+    still = still_scene(scene)
     made = expect(still, request)
     coords = _coordinates(still, settings, 1, 1)
     own, ambient = expected_electrons(still, made.light, coords, 0, _KEY)

@@ -147,7 +147,7 @@ def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> S
     """The scene with its uncertain values drawn anew.
 
     The standard error of a gain is that at a fixed excess noise factor: photon transfer measures gain × F², so that a greater F² comes
-    with a smaller gain.
+    with a smaller gain. Read noise and DSNU are measured in DN: what is drawn for the gain changes them inversely.
     """
     data = scene.model_dump(mode="json")
     changes: dict[str, Any] = {}
@@ -157,6 +157,9 @@ def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> S
         changes[_EXCESS] = max(changes[_EXCESS], 1.0)
         gain = changes.get(_GAIN, _held(data, _GAIN))
         changes[_GAIN] = gain * _held(data, _EXCESS) / changes[_EXCESS]
+    relative = changes.get(_GAIN, _held(data, _GAIN)) / _held(data, _GAIN)
+    for path in ("rig.detector.read_noise_e", "rig.detector.dsnu_e"):
+        changes[path] = changes.get(path, _held(data, path)) / relative
     for path in ("rig.detector.read_noise_e", "rig.detector.prnu", "rig.detector.dsnu_e", "rig.laser.energy_fluctuation"):
         if path in changes:
             changes[path] = max(changes[path], 0.0)

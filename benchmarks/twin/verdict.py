@@ -50,7 +50,7 @@ def with_tolerances(clauses: Sequence[Clause], given: Mapping[str, float]) -> tu
 
 def judged(clauses: Sequence[Clause], evidence: Evidence) -> list[Judged]:
     """The verdict of every clause, in the order of `clauses`; those that were not measured cannot tell, with the reason."""
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     draws = len(evidence.twins)
     found: dict[str, tuple[float, float, float]] = {}
@@ -60,11 +60,11 @@ def judged(clauses: Sequence[Clause], evidence: Evidence) -> list[Judged]:
         if not clause.above and math.isfinite(real) and draws > 2 and np.isfinite(held).all():
             spread = float(held.std(ddof=1)) * math.sqrt(1.0 + 1.0 / draws)
             found[clause.name] = (real, float(held.mean()), spread)
-    levels = _levels({name: _p(student, *one, draws - 1) for name, one in found.items()})
+    levels = _levels({name: _p(*one, draws - 1) for name, one in found.items()})
     result = []
     for clause in clauses:
         if clause.name in found:
-            half = float(student.ppf(0.5 + 0.5 * levels[clause.name], draws - 1)) * found[clause.name][2]
+            half = float(stdtrit(draws - 1, 0.5 + 0.5 * levels[clause.name])) * found[clause.name][2]
             result.append(_one(clause, found[clause.name], half, levels[clause.name], evidence))
         elif clause.above and clause.name in evidence.intervals:
             result.append(_above(clause, evidence))
@@ -73,10 +73,12 @@ def judged(clauses: Sequence[Clause], evidence: Evidence) -> list[Judged]:
     return result
 
 
-def _p(student: object, real: float, mean: float, spread: float, dof: int) -> float:
+def _p(real: float, mean: float, spread: float, dof: int) -> float:
+    from scipy.special import stdtr
+
     if spread == 0.0:
         return 0.0 if real != mean else 1.0
-    return 2.0 * float(student.sf(abs(real - mean) / spread, dof))  # type: ignore[attr-defined]
+    return 2.0 * float(stdtr(dof, -abs(real - mean) / spread))
 
 
 def _levels(p: Mapping[str, float]) -> dict[str, float]:

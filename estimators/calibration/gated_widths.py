@@ -31,11 +31,13 @@ from ..rig import DeclaredRig, Samples
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan
 
-__all__ = ["ResponseFit", "delays_before", "fit_response", "response_profile", "surveyed_delay"]
+__all__ = ["ResponseFit", "delays_before", "fit_response", "response_profile", "surveyed_delay", "time_bound_s"]
 
 Float = npt.NDArray[np.float64]
 
-_STEPS = 4
+_STEPS = 5
+#: Steps below this many standard errors end the fit.
+_SETTLED = 0.05
 #: Finite difference of a stretch; R is smooth in it.
 _STRETCH = 0.01
 #: Pulse and gate are told apart where the correlation of their errors is below this.
@@ -117,13 +119,13 @@ def surveyed_delay(scan: DelayScan, range_m: npt.ArrayLike) -> Float:
     return np.asarray((path * rig.number("medium.group_index", above=0) / C_M_PER_S).ravel())
 
 
-def fit_response(scan: DelayScan, *, known_s: Float | None = None, response: bool = True) -> ResponseFit:
+def fit_response(scan: DelayScan, *, known_s: Float | None = None) -> ResponseFit:
     """Fit stretches of pulse and gate, and the time of the echo, to a scan.
 
     Main arguments:
         scan: of a target that fills the image. known_s: times of the echo (pixel), if the target was surveyed.
-    Other arguments:
-        response: also fit one common stretch of the whole response.
+
+    Where pulse and gate are told apart, `response` is NaN; where not, these are, and the response is stretched as a whole.
 
     Raises:
         InputError: no pixel shows an echo within the scan, or the declared rig lacks pulse, gate or medium.
@@ -135,14 +137,14 @@ def fit_response(scan: DelayScan, *, known_s: Float | None = None, response: boo
         np.full(level.shape, max(dark["noise"].value ** 2, 1.0 / 12.0)), scan.repeats, scan.delay_s,
         max(noise["fluctuation"].value, 0.0) if math.isfinite(noise["fluctuation"].value) else 0.0,
     )  # fmt: skip
-    whole = _fit(scan.rig, data, known_s, ("both",)) if response else None
-    apart = _fit(scan.rig, data, known_s, ("pulse", "gate"))
     nothing = Found(math.nan, math.nan)
-    told = apart.correlation < APART
-    best = apart if told or whole is None else whole
+    best = _fit(scan.rig, data, known_s, ("pulse", "gate"))
+    told = best.correlation < APART
+    if not told:
+        best = _fit(scan.rig, data, known_s, ("both",))
     return ResponseFit(
-        apart.common["pulse"] if told else nothing, apart.common["gate"] if told else nothing,
-        nothing if whole is None else whole.common["both"], best.common.get("shift", nothing),
+        best.common["pulse"] if told else nothing, best.common["gate"] if told else nothing,
+        nothing if told else best.common["both"], best.common.get("shift", nothing),
         best.tau, best.tau_sigma, best.amplitude, best.amplitude_sigma, best.still, best.chi2, best.dof,
     )  # fmt: skip
 
@@ -180,7 +182,11 @@ def _fit(rig: DeclaredRig, data: _Data, known_s: Float | None, stretches: tuple[
         own, columns, local = _design(rig, data, shared, tau + shift, known_s is None)
         weight = 1.0 / data.variance(own.mean)
         solved = _solve(columns, local, own.residual, weight)
-        if step == steps:
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(solved.normal), 1e-300))
+        settled = step > 0 and bool((np.abs(solved.common) < _SETTLED * scale).all())
+        if known_s is None:
+            settled = settled and step > 3
+        if step == steps or settled:
             break
         limit = 0.2 * math.sqrt(own.response.variance_s2)
         for name, change in zip(stretches, solved.common, strict=False):
@@ -295,6 +301,21 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Sol
     common = np.linalg.solve(normal, gradient)
     own = np.einsum("plm,pm->pl", inverse, right - np.einsum("plc,c->pl", cross, common))
     return _Solved(common, own, normal, inverse)
+
+
+def time_bound_s(scan: DelayScan, fit: ResponseFit) -> Float:
+    """Least standard error [s] of the echo's time in one repeat, (pixel): 1/√(F₀₀ − F₀₁²/F₁₁) of time and amplitude, background known, in
+    the moment form (a Gaussian of the counts' variance); infinite where no light is."""
+    noise, dark = noise_statistics(scan), dark_statistics(scan)
+    pulse, gate = (
+        (one.value if math.isfinite(one.value) else fit.response.value) for one in (fit.pulse, fit.gate)
+    )
+    r, slope, _ = _response(scan.rig, pulse, gate)(fit.tau_s[None, :] - scan.delay_s[:, None])
+    a = np.maximum(fit.amplitude, 0.0)
+    weight = 1.0 / (dark["noise"].value ** 2 + noise["slope"].value * a * np.maximum(r, 0.0))
+    f00, f01, f11 = (weight * (a * slope) ** 2).sum(axis=0), (weight * a * slope * r).sum(axis=0), (weight * r * r).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where((f11 > 0) & (a > 0), 1.0 / np.sqrt(f00 - f01**2 / f11), np.inf))
 
 
 def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[str, Any]:
