@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .scenes.errors import InputError
     from .verbs.bound import bound
     from .verbs.break_ import break_
+    from .verbs.calibrate import calibrate
     from .verbs.compare import compare
     from .verbs.data import data_finalize, data_repair, data_status, data_verify
     from .verbs.design import design
@@ -40,6 +41,7 @@ __all__ = [
     "__version__",
     "bound",
     "break_",
+    "calibrate",
     "compare",
     "data_finalize",
     "data_repair",
@@ -70,6 +72,7 @@ _HOME = {
     "InputError": ".scenes.errors",
     "bound": ".verbs.bound",
     "break_": ".verbs.break_",
+    "calibrate": ".verbs.calibrate",
     "compare": ".verbs.compare",
     "data_finalize": ".verbs.data",
     "data_repair": ".verbs.data",

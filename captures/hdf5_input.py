@@ -53,6 +53,36 @@ class Hdf5Input:
             raise ValueError(f"the attribute {name} has the shape {header.shape}")
         return self._file.attrs[name]
 
+    def names(self, most: int) -> list[str]:
+        """Paths "group/array" of the file's own arrays; links to other places are left out. Raises ValueError beyond `most`."""
+        import h5py
+
+        found: list[str] = []
+        todo: list[tuple[str, int]] = [("", 0)]
+        while todo:
+            prefix, depth = todo.pop()
+            group = self._file[prefix] if prefix else self._file
+            for key in group.keys():  # noqa: SIM118
+                path = f"{prefix}/{key}" if prefix else str(key)
+                if group.get(key, getclass=True, getlink=True) is not h5py.HardLink:
+                    continue
+                if group.get(key, getclass=True) is h5py.Group and depth < 8:
+                    todo.append((path, depth + 1))
+                elif group.get(key, getclass=True) is h5py.Dataset:
+                    found.append(path)
+                if len(found) + len(todo) > most:
+                    raise ValueError(f"more than {most} arrays and groups")
+        return sorted(found)
+
+    def kind(self, name: str) -> str:
+        """The kind of an array's elements, as NumPy's `dtype.kind`."""
+        return str(self._dataset(name).dtype.kind)
+
+    def bytes(self, name: str) -> int:
+        """Size of an array in bytes."""
+        dataset = self._dataset(name)
+        return int(dataset.dtype.itemsize) * math.prod(dataset.shape)
+
     def shape(self, name: str) -> tuple[int, ...]:
         """The shape of an array."""
         return tuple(self._dataset(name).shape)

@@ -1,7 +1,7 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound`, `gate` and `design` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
+`bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations
@@ -69,6 +69,13 @@ break: --seed <number> default 0
 break: --set <text...> default None
 break: --side <number> default 24
 break: NAME <text> required
+calibrate: --debug <flag> default False
+calibrate: --json <flag> default False
+calibrate: --out -o <text> default None
+calibrate: --overwrite <flag> default False
+calibrate: --procedures <text...> default None
+calibrate: --rig <text> default None
+calibrate: DATA <text...> required
 compare: --debug <flag> default False
 compare: --json <flag> default False
 compare: A <text> required
@@ -173,6 +180,7 @@ generate: --out -o <text> default None
 generate: --overwrite <flag> default False
 generate: --plan <flag> default False
 generate: --resume <flag> default False
+generate: --rig <text> default None
 generate: --rtol <number|{noise}> default None
 generate: --sealed <text> default None
 generate: --seeds <number...> default None

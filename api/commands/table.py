@@ -23,6 +23,7 @@ _COMMANDS = {
     "estimators check": (0, "estimators:CHECK"),
     "estimators new": (0, "estimators:NEW"),
     "estimators train": (0, "estimators:TRAIN"),
+    "calibrate": (8, "calibrate:CALIBRATE"),
     "export": (9, "estimate:EXPORT"),
     "bound": (10, "bound:BOUND"),
     "design": (11, "design:DESIGN"),

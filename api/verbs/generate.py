@@ -22,6 +22,7 @@ def generate(
     source: str | Path | Mapping[str, Any] | Scene | None = None,
     *,
     overrides: Mapping[str, Any] | None = None,
+    rig: str | Path | None = None,
     seeds: Sequence[int] | None = None,
     fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"] | None = None,
     rtol: float | Literal["noise"] | None = None,
@@ -45,6 +46,7 @@ def generate(
         source: Name of a scene, a suite or a data set, or a .toml or .json file; in Python also a scene or a data set as data.
         overrides: {path: value}, applied before validation.
     Other arguments:
+        rig: A rig file, as `beambench calibrate` writes it, whose values the scene's rig gets; those of `overrides` stand over it.
         seeds: Seed of a scene's capture, a whole number; 0 by default. A suite and a data set have seeds of their own.
         fidelity: Rung of the forward model, the suite's or the cheapest by default; auto: the cheapest with an error below `rtol`.
         rtol: Largest relative error of the expected counts; the suite's or 1e-3 by default. With `fidelity` auto also
@@ -72,12 +74,30 @@ def generate(
 
     place, changes = None if out is None else local_path(out), dict(overrides or {})
     given: dict[str, Any] = {
-        "a scene or suite": source, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
+        "a scene or suite": source, "--rig": rig, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--workers": workers,
         "--truth-electrons": truth_electrons, "--truth-components": truth_components, "--sealed": sealed, "--resume": resume,
     }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
-    return _made_of(source, changes, given, _How(plan, workers, place, resume, overwrite, progress))
+    return _made_of(
+        source, _of_rig(rig, source) | changes, given, _How(plan, workers, place, resume, overwrite, progress)
+    )
+
+
+def _of_rig(rig: str | Path | None, source: Any) -> dict[str, Any]:
+    """{path: value} of a rig file for a scene. Raises InputError for another kind of rig, a suite or a data set."""
+    from ..scenes.datasets.load import is_dataset
+    from ..scenes.errors import InputError
+    from ..scenes.load import load_scene
+    from ..scenes.rig_files import read_rig_file
+
+    if rig is None:
+        return {}
+    if is_dataset(source):
+        raise InputError(
+            "A rig file goes into a scene.", where="--rig", value=str(rig), allowed="a scene as the source"
+        )
+    return read_rig_file(rig, load_scene(source).modality).overrides()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,86 @@
+"""A procedure of calibration, and what it finds: values of a rig by their paths, each with its standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ...scenes.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["PROCEDURES", "Calibrated", "Figure", "Procedure", "procedure_of"]
+
+#: Name -> "module:object". A new procedure is one file of this folder with its record, and its line here.
+PROCEDURES: dict[str, str] = {
+    "emva1288": "beambench.estimators.calibration.emva1288:EMVA1288",
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure that a procedure found.
+
+    Main arguments:
+        name, unit, value, sigma: sigma is the standard error (1 σ), NaN where none can be stated.
+    Other arguments:
+        path: the value of a rig file that it is, e.g. "rig.detector.read_noise_e"; "" for a figure that no rig holds.
+        note: what a reader must know of it.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    path: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a procedure found.
+
+    Main arguments:
+        figures: in the order in which they are shown; those with a path go into the rig file, with their standard errors.
+    Other arguments:
+        values: further values of the rig {path: value} that are no single number, e.g. samples of a pulse.
+        sigmas: their standard errors {path: 1 σ}.
+        used: what was used, {name: number or text}, for the file's record.
+    """
+
+    figures: tuple[Figure, ...]
+    values: Mapping[str, Any] = field(default_factory=dict)
+    sigmas: Mapping[str, float] = field(default_factory=dict)
+    used: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """A procedure.
+
+    Main arguments:
+        name: its name. line: what it finds, one line for people.
+        lacking: captures without their truth -> what they lack for this procedure, "" where they hold all.
+        run: the same captures -> what was found; raises InputError where they cannot be used.
+
+    Captures are read one by one, each time anew: `Sequence[xr.Dataset]` may load them from disk.
+    """
+
+    name: str
+    line: str
+    lacking: Callable[[Sequence[xr.Dataset]], str]
+    run: Callable[[Sequence[xr.Dataset]], Calibrated]
+
+
+def procedure_of(name: object) -> Procedure:
+    """The procedure of a name. Raises InputError for an unknown one."""
+    if not isinstance(name, str) or name not in PROCEDURES:
+        raise InputError(
+            "There is no such procedure of calibration.", where="--procedure", value=name, allowed=", ".join(PROCEDURES)
+        )
+    module, _, attribute = PROCEDURES[name].partition(":")
+    found: Procedure = getattr(import_module(module), attribute)
+    return found
