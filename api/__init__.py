@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .verbs.scenes import scenes_list, scenes_preview, scenes_show
     from .verbs.score import score
     from .verbs.sweep import sweep
+    from .verbs.twin import twin
 
     __version__: str
 
@@ -66,6 +67,7 @@ __all__ = [
     "scenes_show",
     "score",
     "sweep",
+    "twin",
 ]
 
 _HOME = {
@@ -97,6 +99,7 @@ _HOME = {
     "scenes_show": ".verbs.scenes",
     "score": ".verbs.score",
     "sweep": ".verbs.sweep",
+    "twin": ".verbs.twin",
 }
 #: Sub-packages, imported on first use as well: `beambench.scenes.load_scene`.
 _ROOMS = ("benchmarks", "captures", "estimators", "generator", "optics", "scenes")

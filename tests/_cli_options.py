@@ -244,4 +244,17 @@ sweep: --resume <flag> default False
 sweep: --set <text...> default None
 sweep: --split <{dev,test}> default 'test'
 sweep: SUITE <text> required
+twin: --debug <flag> default False
+twin: --draws <number> default 40
+twin: --estimator <text...> default None
+twin: --fidelity <{direct,scatter,full}> default None
+twin: --index <number> default 0
+twin: --json <flag> default False
+twin: --out -o <text> default None
+twin: --overwrite <flag> default False
+twin: --rig <text> default None
+twin: --scene <text> default None
+twin: --seed <number> default 1
+twin: --tolerance <text...> default None
+twin: REAL <text> required
 """.strip().splitlines()

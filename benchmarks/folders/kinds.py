@@ -10,7 +10,7 @@ from typing import Any
 
 from ...scenes.json_keys import read_json
 
-__all__ = ["BREAK", "DESIGN", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "Kind", "slug", "verb_in"]
+__all__ = ["BREAK", "DESIGN", "ESTIMATE", "FIDELITY", "REPRODUCE", "RUN", "SCORE", "SWEEP", "TWIN", "Kind", "slug", "verb_in"]
 
 
 @dataclass(frozen=True)
@@ -145,3 +145,4 @@ FIDELITY = Kind(
     lambda folder: (folder / "fidelity.csv").is_file(),
     resumes=True,
 )
+TWIN = Kind("twin", ("certificate.html", "clauses.csv", "run.json"), _never, whole=True)
