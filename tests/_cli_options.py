@@ -1,7 +1,8 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-28.
 
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `--compare`, `--chart` and `--overwrite` of `estimators check`.
+`bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `twin`,
+`--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations

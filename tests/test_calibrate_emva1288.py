@@ -7,17 +7,18 @@ import json
 from pathlib import Path
 from typing import Any
 
-import beambench
 import numpy as np
 import pytest
+
+import beambench
 from beambench import InputError, cli
 from beambench.captures import make_capture, write
 from beambench.captures.hide import hide_truth
 from beambench.estimators.calibration.emva1288 import EMVA1288, emva_figures
 from beambench.estimators.calibration.series import read_series
 from beambench.generator.detector import detect, fixed_pattern
-from beambench.scenes.load import load_scene
 from beambench.scenes.declared import declared_rig
+from beambench.scenes.load import load_scene
 from beambench.scenes.rig_files import read_rig_file
 from beambench.scenes.rigs.parts import Detector
 

@@ -34,7 +34,9 @@ def _text(made: Twin, given: Arguments) -> None:
         ],
         right=("rig", "twin", "tolerance"),
     )  # fmt: skip
-    print_lines("", f"twin     {made.found.verdict}: {sentence(made.found)}", f"page     {made.out / 'certificate.html'}")
+    print_lines(
+        "", f"twin     {made.found.verdict}: {sentence(made.found)}", f"page     {made.out / 'certificate.html'}"
+    )
 
 
 def _code(made: Twin) -> int:

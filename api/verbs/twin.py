@@ -39,14 +39,17 @@ def twin(
 ) -> Twin:
     """Compare a recording with its twin, and write a certificate.
 
-    The recording is split into two halves by repeats. The first calibrates the twin's rig, unless a rig file is given, and gives the
-    level of the light; the generator renders the second, many times with new noise, and both are measured by the same code. Each clause
+    The recording is split into two halves by repeats. The first calibrates the twin's rig, unless a rig file is given, and
+    gives the
+    level of the light; the generator renders the second, many times with new noise, and both are measured by the same code.
+    Each clause
     says pass, fail or cannot tell, with intervals that hold for all clauses together.
 
     Main arguments:
         real: Store of the recording.
         rig: Rig file with standard errors, as `beambench calibrate` writes it; by default the first half calibrates.
-        scene: What the rig looked at: name of a scene or its file, whose rig is the start of the twin's. By default one echo in each
+        scene: What the rig looked at: name of a scene or its file, whose rig is the start of the twin's. By default one echo
+        in each
             pixel, fitted to the first half.
     Other arguments:
         index: Which capture of the store.
@@ -63,7 +66,8 @@ def twin(
         `found`: the certificate, with `clauses` and `verdict`; and `out`.
 
     Raises:
-        InputError: A recording without repeats or laser-off frames, a rig or scene of another kind, or a modality without clauses.
+        InputError: A recording without repeats or laser-off frames, a rig or scene of another kind, or a modality without
+        clauses.
     """
     from ..benchmarks.folders.kinds import TWIN, slug
     from ..benchmarks.folders.workplace import output_folder, refuse_inputs, workplace
@@ -76,9 +80,7 @@ def twin(
     twin_kind_of(capture.attrs.get("modality"))
     folder = output_folder(out, f"twin-{slug(Path(real).stem)}", resume=False, overwrite=overwrite)
     refuse_inputs(folder, [real, *([rig] if rig is not None else [])])
-    ask = Ask(
-        _rig(rig, str(capture.attrs["modality"])), scene, fidelity, draws, seed, tuple(estimator or _RANKED)
-    )
+    ask = Ask(_rig(rig, str(capture.attrs["modality"])), scene, fidelity, draws, seed, tuple(estimator or _RANKED))
     found = certified(capture, ask, _tolerances(tolerance))
     record = {
         "verb": TWIN.verb, "command": list(command), "rig": None if rig is None else str(rig),
@@ -129,5 +131,10 @@ def _tolerances(given: Sequence[str] | Mapping[str, float] | None) -> dict[str, 
         except ValueError:
             mark = ""
         if not mark:
-            raise InputError("This is no tolerance.", where="--tolerance", value=text, allowed="NAME=VALUE, a number in the clause's unit")  # fmt: skip
+            raise InputError(
+                "This is no tolerance.",
+                where="--tolerance",
+                value=text,
+                allowed="NAME=VALUE, a number in the clause's unit",
+            )
     return found

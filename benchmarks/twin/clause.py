@@ -23,9 +23,11 @@ class Clause:
 
     Main arguments:
         name: of the statistic. title: in a few words. unit, factor: of display; factor times the statistic is in `unit`.
-        relative, absolute: the tolerance: the larger of `relative` times the larger of both values, and `absolute` in the unit of
+        relative, absolute: the tolerance: the larger of `relative` times the larger of both values, and `absolute` in the
+        unit of
             display.
-        why: where the tolerance comes from. follows: the published test that it follows, "" for none. cannot: what it cannot show.
+        why: where the tolerance comes from. follows: the published test that it follows, "" for none. cannot: what it cannot
+        show.
         physics: what a failure means beside its bound.
     Other arguments:
         above: the statistic is itself a degree of agreement, and must lie above `absolute`.
@@ -62,8 +64,10 @@ class Evidence:
     """What was measured.
 
     Main arguments:
-        real: statistic -> value of the rig; missing or NaN where it cannot be measured. twins: the same of every draw of the twin.
-        bounds: statistic -> the physical bound, in the statistic's unit: the least standard error that any evaluation of the judged
+        real: statistic -> value of the rig; missing or NaN where it cannot be measured. twins: the same of every draw of the
+        twin.
+        bounds: statistic -> the physical bound, in the statistic's unit: the least standard error that any evaluation of the
+        judged
             half could have, or the value itself where the clause is about an error. why_not: statistic -> why it could not be
             measured. curves: small charts by the name of their clause. about: lines about the recording and the twin.
     Other arguments:
@@ -81,7 +85,8 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Judged:
-    """A clause with its values in the unit of display: `low`, `high` the interval of the difference real − twin at the family-wise
+    """A clause with its values in the unit of display: `low`, `high` the interval of the difference real − twin at the
+    family-wise
     corrected `level`, `tolerance`, the `bound`, the verdict and a remark in a sentence."""
 
     clause: Clause
@@ -98,7 +103,8 @@ class Judged:
 
 @dataclass(frozen=True)
 class Ask:
-    """What is asked of a modality: `rig`, the twin's, None to calibrate on the first half; `scene`: name or file of what the rig looked at,
+    """What is asked of a modality: `rig`, the twin's, None to calibrate on the first half; `scene`: name or file of what the
+    rig looked at,
     None if unknown; the rung; how many draws of the twin; the random seed; estimators whose ranking is compared."""
 
     rig: TwinRig | None

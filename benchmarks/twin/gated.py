@@ -52,7 +52,8 @@ def calibrated_half(first: DelayScan, range_m: Float | None, base: Scene) -> tup
 
 
 def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Float | None) -> tuple[GatedTwin, TwinRig]:
-    """The twin that stands for the recording: its rig from the user or from the first half, its target from a scene or a fitted map."""
+    """The twin that stands for the recording: its rig from the user or from the first half, its target from a scene or a
+    fitted map."""
     settings = settings_of(first)
     rig = ask.rig
     if rig is None:
@@ -143,12 +144,13 @@ def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
         bounds["ranking"] = 1.0
     return Evidence(
         real, twins, bounds, _why_not(real, frame, ask) | ranking.why_not, curves_of(judged, shown[0], twin, frame, fit),
-        _about(scan, second, twin, rig, ask, frame, answers), ranking.interval,
+        _about(scan, second, rig, ask, frame, answers), ranking.interval,
     )  # fmt: skip
 
 
 def _bounds(judged: DelayScan, frame: Frame, fit: Any, answers: Ranges) -> dict[str, float]:
-    """Least standard errors: from the Fisher information of the moment form for times and widths, from the numbers of samples for the
+    """Least standard errors: from the Fisher information of the moment form for times and widths, from the numbers of
+    samples for the
     noise; the Cramér-Rao bound of one repeat for the precision."""
     pixels, dark = judged.counts.shape[2], len(judged.dark)
     noise, off = noise_statistics(judged), dark_statistics(judged)
@@ -179,24 +181,27 @@ def _why_not(real: Mapping[str, float], frame: Frame, ask: Ask) -> dict[str, str
         "pulse": "the scan does not tell pulse from gate: see the response as a whole",
         "gate": "the scan does not tell pulse from gate: see the response as a whole",
         "response": "pulse and gate are told apart: see these two",
-        "prnu": "the pattern of the light is fitted to the recording, so that the pixels' own is part of it: name the scene with --scene",
+        "prnu": "the light's pattern is fitted to the recording, the pixels' own is part of it: name the scene with --scene",
         "excess": "the third cumulant needs three repeats, and delays with few electrons",
     }  # fmt: skip
     return {name: text for name, text in why.items() if not math.isfinite(real.get(name, math.nan))}
 
 
-def _about(
-    scan: DelayScan, second: DelayScan, twin: GatedTwin, rig: TwinRig, ask: Ask, frame: Frame, answers: Ranges
-) -> list[str]:
+def _about(scan: DelayScan, second: DelayScan, rig: TwinRig, ask: Ask, frame: Frame, answers: Ranges) -> list[str]:
+    target = f"the scene {ask.scene!s}, its light scaled by one factor to the first half."
+    if ask.scene is None:
+        known = frame.known_s is not None
+        target = "one echo in each pixel, its light " + (
+            "fitted to the first half at the surveyed range." if known else "and time fitted to the first half."
+        )
     lines = [
         f"The recording: {len(scan.delay_s)} delays × {scan.repeats} repeats, {len(scan.dark)} frames with the laser off, "
-        f"{scan.shape[0]} × {scan.shape[1]} pixels. Every other repeat calibrates (first half); the others are judged (second half, "
-        f"{second.repeats} repeats).",
-        f"The twin's rig: {rig.source}, with {len(rig.sigmas)} uncertain values, which every one of {ask.draws} draws of the twin draws anew.",
-        (f"The twin's target: the scene {ask.scene!s}, its light scaled by one factor to the first half." if ask.scene is not None else
-         "The twin's target: one echo in each pixel, its light " + ("fitted to the first half at the surveyed range." if frame.known_s is
-         not None else "and time fitted to the first half.")),
-    ]  # fmt: skip
+        f"{scan.shape[0]} × {scan.shape[1]} pixels. Every other repeat calibrates (first half); the others are judged "
+        f"(second half, {second.repeats} repeats).",
+        f"The twin's rig: {rig.source}, with {len(rig.sigmas)} uncertain values, which each of {ask.draws} draws of the twin "
+        "draws anew.",
+        f"The twin's target: {target}",
+    ]
     return lines + [f"No answer from {label}: {why}" for label, why in answers.failed.items()]
 
 

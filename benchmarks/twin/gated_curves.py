@@ -26,7 +26,8 @@ _LEAST = 4
 
 @dataclass(frozen=True)
 class Ranking:
-    """Kendall's τ of the rig's order with that of the twin's mean errors; of each draw's with the same; the 95 % interval of the first."""
+    """Kendall's τ of the rig's order with that of the twin's mean errors; of each draw's with the same; the 95 % interval of
+    the first."""
 
     real: float
     twins: Sequence[float]
@@ -35,14 +36,16 @@ class Ranking:
 
 
 def kendall(a: Float, b: Float) -> Float:
-    """τ-a = (concordant − discordant pairs)/all pairs, over the last axis; equal values count as neither. Kendall, Biometrika 30:81, 1938."""
+    """τ-a = (concordant − discordant pairs)/all pairs, over the last axis; equal values count as neither. Kendall,
+    Biometrika 30:81, 1938."""
     upper = np.triu_indices(a.shape[-1], 1)
     first, second = (np.sign(x[..., upper[0]] - x[..., upper[1]]) for x in (a, b))
     return np.asarray((first * second).mean(axis=-1))
 
 
 def _squares(answers: Ranges, frame: Frame, labels: Sequence[str]) -> Float:
-    """(label, pixel): mean square error over repeats; about the known range, or about the pixel's own mean. A pixel without an answer
+    """(label, pixel): mean square error over repeats; about the known range, or about the pixel's own mean. A pixel without
+    an answer
     counts with the greatest error of any."""
     found = []
     for label in labels:
@@ -72,7 +75,9 @@ def ranking_evidence(real: Ranges, twins: Sequence[Ranges], frame: Frame) -> Ran
     return Ranking(value, [float(kendall(one, whole)) for one in scores], {"ranking": (low, high)})
 
 
-def curves_of(real: DelayScan, twin_scan: DelayScan, twin: GatedTwin, frame: Frame, fit: ResponseFit) -> dict[str, Curve]:
+def curves_of(
+    real: DelayScan, twin_scan: DelayScan, twin: GatedTwin, frame: Frame, fit: ResponseFit
+) -> dict[str, Curve]:
     """Charts by clause: photon transfer, response, light before the echo, residuals."""
     level = real.dark.astype(np.float64).mean(axis=0)
     light = (real.counts.astype(np.float64).mean(axis=1) - level).mean(axis=1)
@@ -82,7 +87,8 @@ def curves_of(real: DelayScan, twin_scan: DelayScan, twin: GatedTwin, frame: Fra
     found = {
         "gain": Curve(
             "Photon transfer of the delays", "mean above dark [DN]", "temporal variance [DN²]", light[order].tolist(),
-            spread.mean(axis=1)[order].tolist(), error[order].tolist(), (frame.floor + frame.slope * np.maximum(light, 0.0))[order].tolist(),
+            spread.mean(axis=1)[order].tolist(), error[order].tolist(),
+            (frame.floor + frame.slope * np.maximum(light, 0.0))[order].tolist(),
         ),
     }  # fmt: skip
     profile = response_profile(real, fit)

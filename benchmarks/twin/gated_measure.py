@@ -1,4 +1,5 @@
-"""Statistics of a recorded or drawn delay scan, all read with the twin's rig: one function for both, so that they are compared alike."""
+"""Statistics of a recorded or drawn delay scan, all read with the twin's rig: one function for both, so that they are
+compared alike."""
 
 from __future__ import annotations
 
@@ -31,8 +32,10 @@ class Frame:
     """What the twin's scene says of the judged half.
 
     Main arguments:
-        expected_dn: light of the twin without noise, (delay, pixel). slope, floor: its variance per DN of light, and without light, DN².
-        known_s: times of the echoes (pixel), None where every half's own are fitted. before: delays at which no echo is, only what
+        expected_dn: light of the twin without noise, (delay, pixel). slope, floor: its variance per DN of light, and without
+        light, DN².
+        known_s: times of the echoes (pixel), None where every half's own are fitted. before: delays at which no echo is,
+        only what
             water scatters. dn_per_e: counts per photoelectron. map: whether amplitudes were fitted to the recording.
         range_m: known ranges (pixel), None if unknown. mixed: pixels that see two surfaces. first_m, last_m: their ranges.
     """
@@ -65,9 +68,11 @@ def signal_statistics(scan: DelayScan, frame: Frame) -> tuple[dict[str, float], 
 
 
 def _residuals(light: Float, repeats: int, dark: int, frame: Frame) -> dict[str, float]:
-    """χ² of every pixel against the twin's expectation, whose amplitude is fitted in each pixel; and the pattern of these amplitudes.
+    """χ² of every pixel against the twin's expectation, whose amplitude is fitted in each pixel; and the pattern of these
+    amplitudes.
 
-    The mean of the dark frames, which is subtracted from all delays of a pixel, is part of their errors: it is eliminated too, as a
+    The mean of the dark frames, which is subtracted from all delays of a pixel, is part of their errors: it is eliminated
+    too, as a
     constant with the prior of its noise.
     """
     model = frame.expected_dn
@@ -94,7 +99,8 @@ def _residuals(light: Float, repeats: int, dark: int, frame: Frame) -> dict[str,
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """Answers of estimators to single repeats: label -> (repeat, pixel), NaN where there is none; `two` (repeat, pixel): whether two
+    """Answers of estimators to single repeats: label -> (repeat, pixel), NaN where there is none; `two` (repeat, pixel):
+    whether two
     surfaces were found; `failed`: label -> why it gave no answer at all."""
 
     range_m: Mapping[str, Float]

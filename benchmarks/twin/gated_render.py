@@ -43,8 +43,10 @@ class GatedTwin:
     """A twin of a scan.
 
     Main arguments:
-        scene: with the twin's rig. light: its echoes, scaled to the recording's light. scattered: what water adds to a delay, (delay,
-            pixel), electrons. uncertain: what is drawn anew. spread: standard errors of the echoes' amplitude and time where they were
+        scene: with the twin's rig. light: its echoes, scaled to the recording's light. scattered: what water adds to a
+        delay, (delay,
+            pixel), electrons. uncertain: what is drawn anew. spread: standard errors of the echoes' amplitude and time where
+            they were
             fitted to the recording, relative and in s; None where they are those of a scene.
         truth: maps of the scene (row, col) by name; empty for a fitted map.
         settings_s, shape: of the scan.
@@ -130,7 +132,8 @@ def _moved(light: DirectScene, spread: tuple[Float, Float], rng: np.random.Gener
     """Fitted echoes, moved by their standard errors."""
     held = light.returns
     amplitude = held.amplitude * np.maximum(1.0 + spread[0] * rng.standard_normal(held.amplitude.size), 0.0)
-    return replace(light, returns=replace(held, amplitude=amplitude, tau=held.tau + spread[1] * rng.standard_normal(held.tau.size)))  # fmt: skip
+    tau = held.tau + spread[1] * rng.standard_normal(held.tau.size)
+    return replace(light, returns=replace(held, amplitude=amplitude, tau=tau))
 
 
 def rendered_twin(
@@ -139,8 +142,10 @@ def rendered_twin(
     """The twin of a scan.
 
     Main arguments:
-        scene: with the twin's rig and the delays of the scan. first: the half that gives the level of light. uncertain: of the rig.
-        fitted: amplitudes and times of the echoes as fitted to `first` with the twin's rig; None: those of the scene. surveyed: whether
+        scene: with the twin's rig and the delays of the scan. first: the half that gives the level of light. uncertain: of
+        the rig.
+        fitted: amplitudes and times of the echoes as fitted to `first` with the twin's rig; None: those of the scene.
+        surveyed: whether
             the times of `fitted` are those of a surveyed target.
 
     Raises:
@@ -173,7 +178,11 @@ def rendered_twin(
         )  # fmt: skip
     factor = seen / modelled
     returns = replace(made.light.returns, amplitude=made.light.returns.amplitude * factor)
-    truth = {name: value for name, value in made.truth.items() if name in ("truth_range", "truth_mixed", "truth_first", "truth_last")}
+    truth = {
+        name: value
+        for name, value in made.truth.items()
+        if name in ("truth_range", "truth_mixed", "truth_first", "truth_last")
+    }
     return GatedTwin(
         scene, replace(made.light, returns=returns), (scattered * np.float32(factor)).astype(np.float32), uncertain, None, truth,
         settings, first.shape,

@@ -30,12 +30,16 @@ def stretched(shape: Mapping[str, Any], factor: float) -> dict[str, Any]:
 
 
 def twin_scene(
-    capture: xr.Dataset, scene: str | Path | Mapping[str, Any] | None, values: Mapping[str, Any], delays_s: np.ndarray[Any, Any]
+    capture: xr.Dataset,
+    scene: str | Path | Mapping[str, Any] | None,
+    values: Mapping[str, Any],
+    delays_s: np.ndarray[Any, Any],
 ) -> Scene:
     """The scene that the generator renders.
 
     Main arguments:
-        capture: the recording. scene: what it shows; None: a wall, whose light is replaced by the map that is fitted to the recording.
+        capture: the recording. scene: what it shows; None: a wall, whose light is replaced by the map that is fitted to the
+        recording.
         values: {path: value} of the twin's rig, over the scene's rig or, without a scene, over the recording's declared one.
         delays_s: what the delay generator was set to, (delay).
 
@@ -47,15 +51,23 @@ def twin_scene(
     loaded = load_scene(data)
     gated_rig(loaded)
     held = apply_overrides(loaded.model_dump(mode="json"), dict(values))
-    held["rig"]["delays"] = {"kind": "listed", "values_s": [float(one) for one in delays_s], "repeats": 1, "laser_off": 1}
+    held["rig"]["delays"] = {
+        "kind": "listed",
+        "values_s": [float(one) for one in delays_s],
+        "repeats": 1,
+        "laser_off": 1,
+    }
     held["declared"] = {}
     found = load_scene(held)
     camera = gated_rig(found).camera
     if (camera.rows, camera.cols) != (rows, cols):
         raise InputError(
-            "The scene's camera is not that of the recording.", where="scene: rig.camera", value=f"{camera.rows} × {camera.cols} pixels",
-            allowed=f"{rows} × {cols}", next_step=f"set rig.camera.rows={rows} and rig.camera.cols={cols} in the scene or the rig file",
-        )  # fmt: skip
+            "The scene's camera is not that of the recording.",
+            where="scene: rig.camera",
+            value=f"{camera.rows} × {camera.cols} pixels",
+            allowed=f"{rows} × {cols}",
+            next_step=f"set rig.camera.rows={rows} and rig.camera.cols={cols} in the scene or the rig file",
+        )
     return found
 
 
@@ -66,9 +78,11 @@ def _walled(capture: xr.Dataset) -> dict[str, Any]:
         return _scene_of(rig, capture)
     except (KeyError, TypeError, IndexError) as error:
         raise InputError(
-            "The declared rig of the recording does not hold all that the generator needs.", where="attribute rig",
-            value=str(error), next_step="name a scene with the recording's rig: --scene FILE",
-        ) from error  # fmt: skip
+            "The declared rig of the recording does not hold all that the generator needs.",
+            where="attribute rig",
+            value=str(error),
+            next_step="name a scene with the recording's rig: --scene FILE",
+        ) from error
 
 
 def _scene_of(rig: Mapping[str, Any], capture: xr.Dataset) -> dict[str, Any]:
@@ -79,31 +93,46 @@ def _scene_of(rig: Mapping[str, Any], capture: xr.Dataset) -> dict[str, Any]:
     distance = 0.5 * 299792458.0 / group * float(np.median(capture["delay"].values))
     size = 40.0 * distance
     shape = {
-        "kind": "rectangle", "center_m": [0.0, 0.0, distance], "width_m": size, "height_m": size, "tilt_x_deg": 0.0,
+        "kind": "rectangle",
+        "center_m": [0.0, 0.0, distance],
+        "width_m": size,
+        "height_m": size,
+        "tilt_x_deg": 0.0,
         "tilt_y_deg": 0.0,
-    }  # fmt: skip
+    }
     return {
-        "schema_version": 1, "name": "recording", "title": "The recording's rig before a wall",
+        "schema_version": 1,
+        "name": "recording",
+        "title": "The recording's rig before a wall",
         "target": [{"name": "wall", "shape": shape, "material": {"kind": "lambert", "albedo": 0.5}}],
         "medium": {
-            "name": "medium", "index": {"kind": "explicit", "phase": float(medium.get("phase_index", group)), "group": group},
-            "absorption_per_m": 0.0, "scattering_per_m": 0.0,
+            "name": "medium",
+            "index": {"kind": "explicit", "phase": float(medium.get("phase_index", group)), "group": group},
+            "absorption_per_m": 0.0,
+            "scattering_per_m": 0.0,
         },
         "rig": {
-            "kind": rig["kind"], "camera": camera, "pulses_per_slice": rig["pulses_per_slice"], "detector": _detector(rig),
-            "ambient_e_per_s": rig.get("ambient_e_per_s", 0.0), "t0_s": rig.get("t0_s") or 0.0,
+            "kind": rig["kind"],
+            "camera": camera,
+            "pulses_per_slice": rig["pulses_per_slice"],
+            "detector": _detector(rig),
+            "ambient_e_per_s": rig.get("ambient_e_per_s", 0.0),
+            "t0_s": rig.get("t0_s") or 0.0,
             "gate_map": rig.get("gate_offset_s"),
             "laser": {
-                "wavelength_m": laser["wavelength_m"], "pulse_energy_j": laser["pulse_energy_j"],
+                "wavelength_m": laser["wavelength_m"],
+                "pulse_energy_j": laser["pulse_energy_j"],
                 "pulse": {"kind": "sampled", "step_s": rig["pulse"]["step_s"], "value": rig["pulse"]["value"]},
                 "illumination": {name: laser[name] for name in ("profile", "half_angle_rad", "offset_rad")},
-                "position_m": laser["position_m"], "energy_fluctuation": laser.get("energy_fluctuation", 0.0),
-                "jitter_shot_s": laser["jitter_shot_s"], "jitter_frame_s": laser.get("jitter_frame_s", 0.0),
+                "position_m": laser["position_m"],
+                "energy_fluctuation": laser.get("energy_fluctuation", 0.0),
+                "jitter_shot_s": laser["jitter_shot_s"],
+                "jitter_frame_s": laser.get("jitter_frame_s", 0.0),
             },
             "gates": [{"kind": "sampled", **gate} for gate in rig["gates"]],
             "delays": {"kind": "listed", "values_s": [0.0, 1e-9]},
         },
-    }  # fmt: skip
+    }
 
 
 def _detector(rig: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,12 +159,21 @@ def uncertain_of(scene: Scene, sigmas: Mapping[str, float]) -> Uncertain:
     for path, sigma in sigmas.items():
         node: Any = data
         for key in path.split("."):
-            node = node[int(key)] if isinstance(node, list) and key.isdigit() else node.get(key) if isinstance(node, dict) else None
+            node = (
+                node[int(key)]
+                if isinstance(node, list) and key.isdigit()
+                else node.get(key)
+                if isinstance(node, dict)
+                else None
+            )
         shape = next((one for one in _SHAPES if path.startswith(f"{one}.")), None)
         if isinstance(node, bool) or not isinstance(node, int | float) or (shape is not None and not node):
             raise InputError(
-                "An uncertainty is of no number of the rig.", where=f"uncertainty: {path}", value=node, allowed="the path of a number",
-            )  # fmt: skip
+                "An uncertainty is of no number of the rig.",
+                where=f"uncertainty: {path}",
+                value=node,
+                allowed="the path of a number",
+            )
         if shape is None:
             values[path] = sigma
         elif path.endswith("_s"):
@@ -146,7 +184,8 @@ def uncertain_of(scene: Scene, sigmas: Mapping[str, float]) -> Uncertain:
 def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> Scene:
     """The scene with its uncertain values drawn anew.
 
-    The standard error of a gain is that at a fixed excess noise factor: photon transfer measures gain × F², so that a greater F² comes
+    The standard error of a gain is that at a fixed excess noise factor: photon transfer measures gain × F², so that a
+    greater F² comes
     with a smaller gain. Read noise and DSNU are measured in DN: what is drawn for the gain changes them inversely.
     """
     data = scene.model_dump(mode="json")
@@ -160,7 +199,12 @@ def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> S
     relative = changes.get(_GAIN, _held(data, _GAIN)) / _held(data, _GAIN)
     for path in ("rig.detector.read_noise_e", "rig.detector.dsnu_e"):
         changes[path] = changes.get(path, _held(data, path)) / relative
-    for path in ("rig.detector.read_noise_e", "rig.detector.prnu", "rig.detector.dsnu_e", "rig.laser.energy_fluctuation"):
+    for path in (
+        "rig.detector.read_noise_e",
+        "rig.detector.prnu",
+        "rig.detector.dsnu_e",
+        "rig.laser.energy_fluctuation",
+    ):
         if path in changes:
             changes[path] = max(changes[path], 0.0)
     for path, sigma in uncertain.shapes.items():

@@ -29,19 +29,28 @@ def certificate_page(certificate: Certificate, source: str, typed: Sequence[str]
     from markupsafe import Markup
 
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     charts = [
-        {"title": curve.title, "svg": Markup(svg_of(_chart(curve)))}  # noqa: S704 - made here, its texts are escaped by Vega
-        for curve in certificate.evidence.curves.values()
+        {"title": curve.title, "svg": Markup(svg_of(_chart(curve)))} for curve in certificate.evidence.curves.values()
     ]
     return environment.get_template("certificate.html.j2").render(
-        source=source, verdict=certificate.verdict, sentence=sentence(certificate), about=certificate.evidence.about, charts=charts,
-        rows=[_shown(one) for one in certificate.clauses], alpha=f"{100 * ALPHA:g}", draws=len(certificate.evidence.twins),
+        source=source,
+        verdict=certificate.verdict,
+        sentence=sentence(certificate),
+        about=certificate.evidence.about,
+        charts=charts,
+        rows=[_shown(one) for one in certificate.clauses],
+        alpha=f"{100 * ALPHA:g}",
+        draws=len(certificate.evidence.twins),
         counts=[(word, certificate.count(word)) for word in ("pass", "fail", "cannot tell")],
-        typed=" ".join(map(shlex.quote, typed)), css=Markup((_REPORT / "report.css").read_text(encoding="utf-8")),  # noqa: S704
-    )  # fmt: skip
+        typed=" ".join(map(shlex.quote, typed)),
+        css=Markup((_REPORT / "report.css").read_text(encoding="utf-8")),
+    )
 
 
 def sentence(certificate: Certificate) -> str:
@@ -70,17 +79,31 @@ def _shown(one: Judged) -> dict[str, Any]:
     known = math.isfinite(one.low) and math.isfinite(one.high)
     unit = "" if clause.unit == "1" else f" {clause.unit}"
     interval = f"{number(one.low, 3)} … {number(one.high, 3)}{unit}" if known else "–"
-    tolerance = f"{'> ' if clause.above else '± '}{number(one.tolerance, 3)}{unit}" if math.isfinite(one.tolerance) else "–"
+    tolerance = (
+        f"{'> ' if clause.above else '± '}{number(one.tolerance, 3)}{unit}" if math.isfinite(one.tolerance) else "–"
+    )
     return {
-        "name": clause.name, "title": clause.title, "unit": clause.unit, "real": number(one.real), "twin": number(one.twin),
-        "bound": number(one.bound, 2), "interval": interval, "tolerance": tolerance,
-        "verdict": one.verdict, "slug": one.verdict.replace(" ", "-"), "remark": one.remark, "why": clause.why, "follows": clause.follows,
-        "cannot": clause.cannot, "picture": Markup(interval_svg(one)) if known and not clause.above else "",  # noqa: S704
-    }  # fmt: skip
+        "name": clause.name,
+        "title": clause.title,
+        "unit": clause.unit,
+        "real": number(one.real),
+        "twin": number(one.twin),
+        "bound": number(one.bound, 2),
+        "interval": interval,
+        "tolerance": tolerance,
+        "verdict": one.verdict,
+        "slug": one.verdict.replace(" ", "-"),
+        "remark": one.remark,
+        "why": clause.why,
+        "follows": clause.follows,
+        "cannot": clause.cannot,
+        "picture": Markup(interval_svg(one)) if known and not clause.above else "",
+    }
 
 
 def interval_svg(one: Judged) -> str:
-    """The interval of the difference against the tolerance: the band is what is tolerated, the line the interval, the dot the value."""
+    """The interval of the difference against the tolerance: the band is what is tolerated, the line the interval, the dot
+    the value."""
     width, height = 150.0, 20.0
     scale = 0.5 * width / (_SPAN * one.tolerance)
 
@@ -99,7 +122,8 @@ def interval_svg(one: Judged) -> str:
         if abs(value) > 0.98 * _SPAN * one.tolerance
     )
     label = f"difference {number(one.low, 3)} to {number(one.high, 3)}, tolerated ±{number(one.tolerance, 3)} {one.clause.unit}"
-    return f'<svg viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" aria-label="{label}">{band}{zero}{line}{dot}{ends}</svg>'
+    size = f'viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}"'
+    return f'<svg {size} role="img" aria-label="{label}">{band}{zero}{line}{dot}{ends}</svg>'
 
 
 def _chart(curve: Curve) -> dict[str, Any]:
@@ -111,11 +135,20 @@ def _chart(curve: Curve) -> dict[str, Any]:
     place = {"x": quantitative("x", curve.x_title) | {"scale": {"zero": False}}, "y": quantitative("y", curve.y_title)}
     bars = {"x": place["x"], "y": {"field": "low", "type": "quantitative"}, "y2": {"field": "high"}}
     spec = {
-        "width": 330, "height": 210,
+        "width": 330,
+        "height": 210,
         "layer": [
-            {"data": {"values": line}, "mark": {"type": "line", "color": PALETTE[1], "strokeWidth": 2}, "encoding": place},
+            {
+                "data": {"values": line},
+                "mark": {"type": "line", "color": PALETTE[1], "strokeWidth": 2},
+                "encoding": place,
+            },
             {"data": {"values": points}, "mark": {"type": "rule", "color": PALETTE[0]}, "encoding": bars},
-            {"data": {"values": points}, "mark": {"type": "point", "filled": True, "color": PALETTE[0], "size": 22, "opacity": 1}, "encoding": place},
+            {
+                "data": {"values": points},
+                "mark": {"type": "point", "filled": True, "color": PALETTE[0], "size": 22, "opacity": 1},
+                "encoding": place,
+            },
         ],
-    }  # fmt: skip
+    }
     return finished(spec, page=True)

@@ -29,7 +29,8 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate: its clauses, and what they rest on. `verdict`: "fail" where a clause fails, "cannot tell" where none was decided,
+    """A certificate: its clauses, and what they rest on. `verdict`: "fail" where a clause fails, "cannot tell" where none
+    was decided,
     else "pass"."""
 
     clauses: tuple[Judged, ...]
@@ -66,7 +67,9 @@ def certified(capture: xr.Dataset, ask: Ask, tolerances: Mapping[str, float] | N
     kind = twin_kind_of(capture.attrs.get("modality"))
     clauses = with_tolerances(kind.clauses, tolerances or {})
     if ask.draws < 8:
-        raise InputError("So few draws of a twin give no interval.", where="draws", value=ask.draws, allowed="8 or more")
+        raise InputError(
+            "So few draws of a twin give no interval.", where="draws", value=ask.draws, allowed="8 or more"
+        )
     evidence = kind.measure(hide_truth_but_ranges(capture), ask)
     return Certificate(tuple(judged(clauses, evidence)), evidence, str(capture.attrs["modality"]))
 

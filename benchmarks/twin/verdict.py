@@ -1,13 +1,17 @@
 """Verdicts: the difference of a rig's statistic and its twin's, with an interval that holds for all clauses together.
 
-The twin is drawn M times, each time with the uncertain values of its rig drawn anew and with new noise. Under the hypothesis that the
+The twin is drawn M times, each time with the uncertain values of its rig drawn anew and with new noise. Under the hypothesis
+that the
 twin is right the rig's value T is one more such draw, so that
 
     t = (T − mean) / (s √(1 + 1/M))
 
-has Student's distribution with M − 1 degrees of freedom, s the standard deviation over draws. The interval of T − mean is ± t s √(1 + 1/M);
-it takes the rig's own scatter to be the twin's. Levels are Holm's (Scand. J. Statist. 6:65, 1979): clauses are sorted by |t|, the k-th
-of m gets 1 − α/(m − k + 1) as long as each before it was significant, and all that follow the level of the first that was not. The
+has Student's distribution with M − 1 degrees of freedom, s the standard deviation over draws. The interval of T − mean is ±
+t s √(1 + 1/M);
+it takes the rig's own scatter to be the twin's. Levels are Holm's (Scand. J. Statist. 6:65, 1979): clauses are sorted by
+|t|, the k-th
+of m gets 1 − α/(m − k + 1) as long as each before it was significant, and all that follow the level of the first that was
+not. The
 chance that any clause of a right twin fails is below α.
 
     pass          the interval lies within the tolerance: shown to agree
@@ -32,12 +36,18 @@ ALPHA = 0.05
 
 
 def with_tolerances(clauses: Sequence[Clause], given: Mapping[str, float]) -> tuple[Clause, ...]:
-    """The clauses with tolerances of the user's, in the unit of display, in place of their own. Raises InputError for unknown ones."""
+    """The clauses with tolerances of the user's, in the unit of display, in place of their own. Raises InputError for
+    unknown ones."""
     from dataclasses import replace
 
     names = [clause.name for clause in clauses]
     for name, value in given.items():
-        if name not in names or isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+        if (
+            name not in names
+            or isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not 0 < value < math.inf
+        ):
             raise InputError(
                 "This is no tolerance of a clause.", where=f"tolerance: {name}", value=value,
                 allowed=f"a number above 0 for one of: {', '.join(names)}",
@@ -105,7 +115,9 @@ def _one(clause: Clause, found: tuple[float, float, float], half: float, level: 
     elif low > tolerance or high < -tolerance:
         verdict, remark = "fail", clause.physics
     elif half >= tolerance:
-        remark = f"the interval is ± {half:.2g} {clause.unit}, wider than the tolerance: record more, or calibrate better"
+        remark = (
+            f"the interval is ± {half:.2g} {clause.unit}, wider than the tolerance: record more, or calibrate better"
+        )
     else:
         remark = "the interval crosses the tolerance: record more to decide"
     return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark)
@@ -121,7 +133,18 @@ def _above(clause: Clause, evidence: Evidence) -> Judged:
         "pass": "agrees better than chance", "fail": clause.physics,
         "cannot tell": "the interval holds agreement by chance: compare more estimators, or record more",
     }[verdict]  # fmt: skip
-    return Judged(clause, real, best, evidence.bounds.get(clause.name, math.nan), low, high, 0.95, clause.absolute, verdict, remark)
+    return Judged(
+        clause,
+        real,
+        best,
+        evidence.bounds.get(clause.name, math.nan),
+        low,
+        high,
+        0.95,
+        clause.absolute,
+        verdict,
+        remark,
+    )
 
 
 def _untold(clause: Clause, evidence: Evidence) -> Judged:

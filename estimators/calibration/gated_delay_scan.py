@@ -7,7 +7,8 @@ Input: one capture of a target that fills the image (a flat wall), every delay r
     pulse, gate     stretches of the declared samples       t0              if the target's range is surveyed (`gated_widths`)
     backscatter     light at delays before the echo
 
-Photon transfer alone gives gain × F² of an intensified camera. Where the third cumulant tells F² to 10 %, it is used and stated;
+Photon transfer alone gives gain × F² of an intensified camera. Where the third cumulant tells F² to 10 %, it is used and
+stated;
 otherwise the declared F² is kept. The standard error of the gain is that of gain × F².
 Where the scan does not tell pulse from gate, both are stretched as the response as a whole is, and a note says so.
 """
@@ -42,8 +43,10 @@ class ScanValues:
     """What a scan tells of a rig.
 
     Main arguments:
-        numbers: {path: value and standard error}. pulse, gate: stretches of the declared shapes. told: whether these are told apart.
-        fit: of the response. backscatter_e: mean light before the echo, electrons; NaN where no delay is before it. slope: K G F².
+        numbers: {path: value and standard error}. pulse, gate: stretches of the declared shapes. told: whether these are
+        told apart.
+        fit: of the response. backscatter_e: mean light before the echo, electrons; NaN where no delay is before it. slope: K
+        G F².
     """
 
     numbers: Mapping[str, Found]
@@ -122,7 +125,9 @@ def _before(scan: DelayScan, fit: ResponseFit, dn_per_e: float) -> Found:
     if not before.any():
         return Found(math.nan, math.nan)
     light = scan.counts[before].astype(np.float64).mean(axis=2) - float(scan.dark.mean())
-    error = math.sqrt(float(light.var(ddof=1)) / light.size + float(scan.dark.mean(axis=1).var(ddof=1)) / len(scan.dark))
+    error = math.sqrt(
+        float(light.var(ddof=1)) / light.size + float(scan.dark.mean(axis=1).var(ddof=1)) / len(scan.dark)
+    )
     return Found(float(light.mean()) / dn_per_e, error / dn_per_e)
 
 
@@ -151,11 +156,30 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
         Figure("gate stretch", "1", found.gate.value, found.gate.sigma, "", note),
         Figure("gain × F²", "DN/electron", found.slope.value, found.slope.sigma, "", "slope of the photon transfer"),
         Figure("F²", "1", found.excess.value, found.excess.sigma, "", "by the third cumulant"),
-        Figure("backscatter", "electron", found.backscatter_e.value, found.backscatter_e.sigma, "", "mean of the delays before the echo"),
-        Figure("χ²/dof", "1", float(np.mean(found.fit.chi2)) / max(found.fit.dof, 1), nan, "", "of the fit of the response; 1 where it explains the scan"),
-    ]  # fmt: skip
+        Figure(
+            "backscatter",
+            "electron",
+            found.backscatter_e.value,
+            found.backscatter_e.sigma,
+            "",
+            "mean of the delays before the echo",
+        ),
+        Figure(
+            "χ²/dof",
+            "1",
+            float(np.mean(found.fit.chi2)) / max(found.fit.dof, 1),
+            nan,
+            "",
+            "of the fit of the response; 1 where it explains the scan",
+        ),
+    ]
     values, sigmas = _shapes(scan, found)
-    used = {"delays": len(scan.delay_s), "repeats": scan.repeats, "laser_off": len(scan.dark), "pixels": scan.counts.shape[2]}
+    used = {
+        "delays": len(scan.delay_s),
+        "repeats": scan.repeats,
+        "laser_off": len(scan.dark),
+        "pixels": scan.counts.shape[2],
+    }
     return Calibrated(tuple(figures), values, sigmas, used)
 
 
@@ -165,10 +189,15 @@ def _shapes(scan: DelayScan, found: ScanValues) -> tuple[dict[str, Any], dict[st
     p, g = found.pulse.value, found.gate.value
     values: dict[str, Any] = {
         "rig.laser.pulse": {"kind": "sampled", "step_s": pulse.step_s * p, "value": [float(v) for v in pulse.value]},
-        "rig.gates": [{
-            "kind": "sampled", "start_s": gate.start_s * g, "step_s": gate.step_s * g, "value": [float(v) for v in gate.value],
-        }],
-    }  # fmt: skip
+        "rig.gates": [
+            {
+                "kind": "sampled",
+                "start_s": gate.start_s * g,
+                "step_s": gate.step_s * g,
+                "value": [float(v) for v in gate.value],
+            }
+        ],
+    }
     return values, {
         "rig.laser.pulse.step_s": pulse.step_s * found.pulse.sigma,
         "rig.gates.0.step_s": gate.step_s * found.gate.sigma,

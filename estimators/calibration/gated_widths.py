@@ -4,13 +4,16 @@ The mean count of delay k and pixel i, above its dark level, is
 
     y_ki = a_i R(τ_i + δ − t_k; 1 + p, 1 + g) + b_i,
 
-R the correlation of pulse and gate whose times are stretched by 1 + p and 1 + g (`estimators.response`). Amplitude a_i and what stands
-still, b_i, belong to the pixel and are eliminated; p and g belong to all pixels. The echo's time τ_i is fitted in every pixel, or, with
+R the correlation of pulse and gate whose times are stretched by 1 + p and 1 + g (`estimators.response`). Amplitude a_i and
+what stands
+still, b_i, belong to the pixel and are eliminated; p and g belong to all pixels. The echo's time τ_i is fitted in every
+pixel, or, with
 a surveyed target, known but for the common shift δ, which is the error of the declared time zero. Fisher scoring, three steps:
 
     H = Σ_i [C_iᵀ W C_i − C_iᵀ W L_i (L_iᵀ W L_i)⁻¹ L_iᵀ W C_i],     (p, g, δ) = H⁻¹ g,     covariance H⁻¹,
 
-with L the columns of one pixel, C the common ones, W = 1/variance of the mean. Where pulse and gate widen R in the same way (two
+with L the columns of one pixel, C the common ones, W = 1/variance of the mean. Where pulse and gate widen R in the same way
+(two
 Gaussians), H is singular in p − g, and only the response as a whole is told.
 """
 
@@ -40,8 +43,8 @@ _STEPS = 5
 _SETTLED = 0.05
 #: Finite difference of a stretch; R is smooth in it.
 _STRETCH = 0.01
-#: Pulse and gate are told apart where the correlation of their errors is below this.
-APART = 0.97
+#: Pulse and gate are told apart where the standard errors of both stretches are below this.
+_APART = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +99,17 @@ def _response(rig: DeclaredRig, pulse: float, gate: float) -> Response:
 
 
 def surveyed_delay(scan: DelayScan, range_m: npt.ArrayLike) -> Float:
-    """Time of the echo of every pixel [s] of a target at known radial ranges (row, col): 2 n_g r/c, or the way by a laser apart.
+    """Time of the echo of every pixel [s] of a target at known radial ranges (row, col): 2 n_g r/c, or the way by a laser
+    apart.
 
     Raises:
         InputError: ranges of another shape.
     """
     r = np.asarray(range_m, np.float64)
     if r.shape != scan.shape:
-        raise InputError("The surveyed ranges do not fit the image.", where="truth_range", value=r.shape, allowed=str(scan.shape))  # fmt: skip
+        raise InputError(
+            "The surveyed ranges do not fit the image.", where="truth_range", value=r.shape, allowed=str(scan.shape)
+        )
     rig = scan.rig
     laser = rig.numbers("laser.position_m", length=3)
     path = 2.0 * r
@@ -139,7 +145,7 @@ def fit_response(scan: DelayScan, *, known_s: Float | None = None) -> ResponseFi
     )  # fmt: skip
     nothing = Found(math.nan, math.nan)
     best = _fit(scan.rig, data, known_s, ("pulse", "gate"))
-    told = best.correlation < APART
+    told = all(one.sigma < _APART for one in (best.common["pulse"], best.common["gate"]))
     if not told:
         best = _fit(scan.rig, data, known_s, ("both",))
     return ResponseFit(
@@ -152,7 +158,6 @@ def fit_response(scan: DelayScan, *, known_s: Float | None = None) -> ResponseFi
 @dataclass(frozen=True, eq=False)
 class _Fitted:
     common: Mapping[str, Found]
-    correlation: float
     tau: Float
     tau_sigma: Float
     amplitude: Float
@@ -174,7 +179,7 @@ def _start(response: Response, data: _Data) -> Float:
 
 
 def _fit(rig: DeclaredRig, data: _Data, known_s: Float | None, stretches: tuple[str, ...]) -> _Fitted:
-    shared = {name: 1.0 for name in stretches}
+    shared = dict.fromkeys(stretches, 1.0)
     shift = 0.0
     tau = _start(_response(rig, 1.0, 1.0), data) if known_s is None else np.array(known_s, np.float64)
     steps = _STEPS if known_s is not None else 2 * _STEPS
@@ -200,20 +205,24 @@ def _fit(rig: DeclaredRig, data: _Data, known_s: Float | None, stretches: tuple[
     common = {name: Found(shared[name], float(error[i])) for i, name in enumerate(stretches)}
     if known_s is not None:
         common["shift"] = Found(shift, float(error[-1]))
-    correlation = abs(float(covariance[0, 1])) / float(error[0] * error[1]) if len(stretches) > 1 else 0.0
     sigma = np.sqrt(np.maximum(np.diagonal(solved.inverse, axis1=1, axis2=2), 0.0))
     lit = own.amplitude > 0
-    tau_sigma = np.where(lit, sigma[:, 1] / np.where(lit, own.amplitude, 1.0), np.inf) if known_s is None else np.zeros(tau.size)
+    tau_sigma = (
+        np.where(lit, sigma[:, 1] / np.where(lit, own.amplitude, 1.0), np.inf)
+        if known_s is None
+        else np.zeros(tau.size)
+    )
     rest = own.residual - np.einsum("kpl,pl->kp", local, solved.local) - np.einsum("kpc,c->kp", columns, solved.common)
     dof = data.y.shape[0] - local.shape[2]
     return _Fitted(
-        common, correlation, tau + shift, tau_sigma, own.amplitude, sigma[:, 0], own.still,
+        common, tau + shift, tau_sigma, own.amplitude, sigma[:, 0], own.still,
         np.asarray((weight * rest**2).sum(axis=0)), dof,
     )  # fmt: skip
 
 
 def _covariance(data: _Data, own: _Own, columns: Float, local: Float, weight: Float, solved: _Solved) -> Float:
-    """H⁻¹, and what the light of whole frames adds that varies by f: H⁻¹ Σ_k g_k g_kᵀ f²/repeats H⁻¹, g_k = Σ_i W C̃ (y's light), C̃ the
+    """H⁻¹, and what the light of whole frames adds that varies by f: H⁻¹ Σ_k g_k g_kᵀ f²/repeats H⁻¹, g_k = Σ_i W C̃ (y's
+    light), C̃ the
     common columns without what the pixels' own explain."""
     inverse = np.linalg.inv(solved.normal)
     cross = np.einsum("kpl,kp,kpc->plc", local, weight, columns)
@@ -281,7 +290,8 @@ class _Solved:
 
 
 def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Solved:
-    """One step of scoring with the pixels' own columns eliminated. A pixel without an echo, whose own columns are dependent, is left
+    """One step of scoring with the pixels' own columns eliminated. A pixel without an echo, whose own columns are dependent,
+    is left
     out."""
     wl = local * weight[..., None]
     inner = np.einsum("kpl,kpm->plm", wl, local)
@@ -289,7 +299,9 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Sol
     unit = inner / scale[:, :, None] / scale[:, None, :]
     good = np.linalg.eigvalsh(unit)[:, 0] > 1e-9
     if not good.any():
-        raise InputError("No pixel shows an echo within the scan.", where="counts", next_step="scan the delays of the target's echo")  # fmt: skip
+        raise InputError(
+            "No pixel shows an echo within the scan.", where="counts", next_step="scan the delays of the target's echo"
+        )
     unit[~good] = np.eye(unit.shape[1])
     inverse = np.linalg.inv(unit) / scale[:, :, None] / scale[:, None, :]
     inverse[~good] = 0.0
@@ -304,16 +316,19 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Sol
 
 
 def time_bound_s(scan: DelayScan, fit: ResponseFit) -> Float:
-    """Least standard error [s] of the echo's time in one repeat, (pixel): 1/√(F₀₀ − F₀₁²/F₁₁) of time and amplitude, background known, in
+    """Least standard error [s] of the echo's time in one repeat, (pixel): 1/√(F₀₀ − F₀₁²/F₁₁) of time and amplitude,
+    background known, in
     the moment form (a Gaussian of the counts' variance); infinite where no light is."""
     noise, dark = noise_statistics(scan), dark_statistics(scan)
-    pulse, gate = (
-        (one.value if math.isfinite(one.value) else fit.response.value) for one in (fit.pulse, fit.gate)
-    )
+    pulse, gate = ((one.value if math.isfinite(one.value) else fit.response.value) for one in (fit.pulse, fit.gate))
     r, slope, _ = _response(scan.rig, pulse, gate)(fit.tau_s[None, :] - scan.delay_s[:, None])
     a = np.maximum(fit.amplitude, 0.0)
     weight = 1.0 / (dark["noise"].value ** 2 + noise["slope"].value * a * np.maximum(r, 0.0))
-    f00, f01, f11 = (weight * (a * slope) ** 2).sum(axis=0), (weight * a * slope * r).sum(axis=0), (weight * r * r).sum(axis=0)
+    f00, f01, f11 = (
+        (weight * (a * slope) ** 2).sum(axis=0),
+        (weight * a * slope * r).sum(axis=0),
+        (weight * r * r).sum(axis=0),
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where((f11 > 0) & (a > 0), 1.0 / np.sqrt(f00 - f01**2 / f11), np.inf))
 
@@ -321,7 +336,8 @@ def time_bound_s(scan: DelayScan, fit: ResponseFit) -> Float:
 def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[str, Any]:
     """The response as measured, without a model of its shape: R/max R against u = τ − t, pooled over pixels in even bins.
 
-    Returns `u_s`, `value` and `sigma` (bin), the last two relative to the fitted amplitude; bins that no sample falls into are NaN. A
+    Returns `u_s`, `value` and `sigma` (bin), the last two relative to the fitted amplitude; bins that no sample falls into
+    are NaN. A
     pixel's τ and amplitude come from the fit, so that the profile shows where the measured shape leaves the declared one.
     """
     y = scan.counts.astype(np.float64).mean(axis=1) - scan.dark.astype(np.float64).mean(axis=0) - fit.still
@@ -339,7 +355,8 @@ def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[
 
 
 def delays_before(scan: DelayScan, tau_s: Float) -> npt.NDArray[np.bool_]:
-    """Delays (delay) at which the gate has closed before the echo of any pixel arrives: what they show is scattered on the way."""
+    """Delays (delay) at which the gate has closed before the echo of any pixel arrives: what they show is scattered on the
+    way."""
     response = _response(scan.rig, 1.0, 1.0)
     known = tau_s[np.isfinite(tau_s)]
     # 1.1: the response may be wider than declared.
