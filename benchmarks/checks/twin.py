@@ -32,7 +32,7 @@ from ...generator.gated.expected import expect
 from ...scenes.load import load_scene
 from ...scenes.rigs.gated import gated_rig
 from ..twin.clause import Evidence
-from ..twin.gated import calibrated_half, frame_of, read_with_rig_of
+from ..twin.gated import calibrated_half, frame_of, read_with_rig_of, unbiased
 from ..twin.gated_clauses import CLAUSES
 from ..twin.gated_measure import signal_statistics
 from ..twin.gated_render import GatedTwin
@@ -107,8 +107,8 @@ _SETTINGS: dict[str, Any] = {
     "rig.gates": [{"kind": "trapezoidal", "width_s": 1.5e-9, "rise_s": 0.3e-9, "fall_s": 0.4e-9, "transmission": 1.0}],
     "rig.detector.intensifier": {"gain": 1.0, "excess_noise_factor": 1.8, "phosphor_sigma_px": 0.0},
     "medium": {
-        "name": "water", "index": {"kind": "explicit", "phase": 1.335, "group": 1.357}, "absorption_per_m": 0.05,
-        "scattering_per_m": 0.12, "phase_function": {"kind": "henyey-greenstein", "g": 0.9},
+        "name": "water", "index": {"kind": "explicit", "phase": 1.335, "group": 1.357}, "absorption_per_m": 0.02,
+        "scattering_per_m": 0.04, "phase_function": {"kind": "henyey-greenstein", "g": 0.1},
     },
 }  # fmt: skip
 
@@ -121,7 +121,7 @@ class Bench:
         before: delays before the echo.
     """
 
-    def __init__(self, *, electrons: float = 45.0, repeats: int = 128, dark: int = 192, before: int = 5) -> None:
+    def __init__(self, *, electrons: float = 45.0, repeats: int = 112, dark: int = 192, before: int = 5) -> None:
         self.repeats, self.dark = repeats, dark
         scene = load_scene("flat-wall", _SETTINGS)
         echo = 2.0 * 5.0 * 1.357 / 299792458.0
@@ -165,6 +165,9 @@ class Bench:
         """The twin that one half gives; the level of its light, and what the water scatters, from this half."""
         rig, _ = calibrated_half(read_with_rig_of(self.nominal, first), self.range_m, self.nominal)
         data = self.nominal.model_dump(mode="json")
+        scene = load_scene(data, dict(rig.values))
+        draft = _matched(replace(self.twin, scene=scene, scattered=self.scattered), first)
+        rig = unbiased(rig, draft, first, self.range_m)
         scene = load_scene(data, dict(rig.values))
         twin = replace(self.twin, scene=scene, scattered=self.scattered, uncertain=uncertain_of(scene, rig.sigmas))
         return _matched(twin, first)

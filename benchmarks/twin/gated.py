@@ -28,7 +28,7 @@ from .gated_render import GatedTwin, rendered_twin, settings_of
 from .gated_rig import stretched, twin_scene, uncertain_of
 from .rig_file import TwinRig
 
-__all__ = ["TWIN", "calibrated_half", "frame_of", "measure", "prepared_twin"]
+__all__ = ["TWIN", "calibrated_half", "frame_of", "measure", "prepared_twin", "read_with_rig_of", "unbiased"]
 
 Float = npt.NDArray[np.float64]
 
@@ -59,6 +59,10 @@ def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Floa
     if rig is None:
         base = twin_scene(capture, ask.scene, {}, settings)
         rig, _ = calibrated_half(read_with_rig_of(base, first), range_m, base)
+        if ask.scene is not None and range_m is not None:
+            scene = twin_scene(capture, ask.scene, rig.values, settings)
+            draft = rendered_twin(scene, first, uncertain_of(scene, {}), None, ask.fidelity, True)
+            rig = unbiased(rig, draft, first, range_m)
     scene = twin_scene(capture, ask.scene, rig.values, settings)
     uncertain = uncertain_of(scene, rig.sigmas)
     fitted = None
@@ -66,6 +70,24 @@ def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Floa
         bare = read_with_rig_of(scene, first)
         fitted = fit_response(bare, known_s=None if range_m is None else surveyed_delay(bare, range_m))
     return rendered_twin(scene, first, uncertain, fitted, ask.fidelity, range_m is not None), rig
+
+
+def unbiased(rig: TwinRig, draft: GatedTwin, first: DelayScan, range_m: Float) -> TwinRig:
+    """The calibrated rig without the bias of its calibration, which takes the echo to be R and nothing else.
+
+    In water the light that is scattered forward comes later, and what is scattered back lies under the echo. The generator's own
+    expectation of a draft of the twin is therefore fitted as the recording was; what this finds beside the draft's values is bias, and is
+    taken off: θ = θ̂ − (T(θ̂) − θ̂), one step of indirect inference (C. Gouriéroux et al., J. Appl. Econometrics 8:S85, 1993).
+    """
+    scan = draft.read_with(first)
+    fit = fit_response(scan, known_s=surveyed_delay(scan, range_m), light=draft.expected_dn())
+    values = dict(rig.values)
+    whole = fit.response.value
+    for path, one in (("rig.laser.pulse", fit.pulse), ("rig.gates.0", fit.gate)):
+        values[path] = stretched(values[path], 1.0 / (one.value if math.isfinite(one.value) else whole))
+    if math.isfinite(fit.shift_s.value) and "rig.t0_s" in values:
+        values["rig.t0_s"] += fit.shift_s.value
+    return replace(rig, values=values)
 
 
 def read_with_rig_of(scene: Scene, scan: DelayScan) -> DelayScan:

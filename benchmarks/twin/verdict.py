@@ -15,8 +15,8 @@ not. The
 chance that any clause of a right twin fails is below α.
 
     pass          the interval lies within the tolerance: shown to agree
-    fail          the interval lies outside of it: shown to disagree by more than is tolerated
-    cannot tell   neither: a longer recording, or a better calibrated rig, would decide
+    fail          it does not, and it does not hold 0: shown to differ, by more than may be tolerated
+    cannot tell   it holds 0 and is wider than the tolerance: a longer recording, or a better calibrated rig, would decide
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .clause import Clause, Evidence, Judged, Verdict
 __all__ = ["ALPHA", "judged", "with_tolerances"]
 
 #: Family-wise error.
-ALPHA = 0.05
+ALPHA = 0.02
 
 
 def with_tolerances(clauses: Sequence[Clause], given: Mapping[str, float]) -> tuple[Clause, ...]:

@@ -34,7 +34,7 @@ Float = npt.NDArray[np.float64]
 
 #: Parts of the pixels, each left out once, from which standard errors follow.
 PARTS = 20
-#: Levels of light from this many times the dark noise's variance, in variance, enter the third cumulant fully.
+#: Variances are taken as no smaller, DN².
 _LEAST_LIGHT = 1e-12
 
 
@@ -81,7 +81,8 @@ def _moments(scan: DelayScan) -> tuple[_Moments, Float]:
     expected = dark_mean + (mean - dark_mean)[:, None, :] * relative[..., None]
     lost = np.where(bright, 1.0 / y.shape[2], 0.0)[:, None]
     variance, third = _k_statistics(y - expected)
-    variance = variance / (1.0 - lost)  # the common scale of a frame takes a share of a degree of freedom
+    # The common scale of a frame takes a share of a degree of freedom.
+    variance, third = variance / (1.0 - lost), third / (1.0 - 3.0 * lost)
     off_variance, off_third = _k_statistics((dark - dark_mean)[None])
     return _Moments(mean, variance, third, dark_mean, off_variance[0], off_third[0]), np.where(
         bright[:, None], relative, np.nan
@@ -135,7 +136,8 @@ def _slopes(m: _Moments, weight: Float, clear: npt.NDArray[np.bool_]) -> dict[st
     variance, off = over(m.variance), float(over(m.dark_variance))
     w2 = np.where(clear & (light > 0), np.maximum(light, 0.0) / np.maximum(variance, _LEAST_LIGHT) ** 2, 0.0)
     slope = float((w2 * (variance - off)).sum() / max(float((w2 * light).sum()), 1e-300))
-    w3 = np.where(clear & (light > 0), np.maximum(light, 0.0) / np.maximum(variance, _LEAST_LIGHT) ** 3, 0.0)
+    # Not over variance³, which is best for each delay alone: the dark frames' cumulant is common to all of them.
+    w3 = w2
     third = float((w3 * (over(m.third) - _off_third(m, weight))).sum() / max(float((w3 * light).sum()), 1e-300))
     ratio = third / slope**2 if slope > 0 else math.nan
     # 2 − 1/F² tends to 2: beyond 1.9, F² = 10, noise decides.

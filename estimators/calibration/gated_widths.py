@@ -125,11 +125,13 @@ def surveyed_delay(scan: DelayScan, range_m: npt.ArrayLike) -> Float:
     return np.asarray((path * rig.number("medium.group_index", above=0) / C_M_PER_S).ravel())
 
 
-def fit_response(scan: DelayScan, *, known_s: Float | None = None) -> ResponseFit:
+def fit_response(scan: DelayScan, *, known_s: Float | None = None, light: Float | None = None) -> ResponseFit:
     """Fit stretches of pulse and gate, and the time of the echo, to a scan.
 
     Main arguments:
         scan: of a target that fills the image. known_s: times of the echo (pixel), if the target was surveyed.
+    Other arguments:
+        light: counts above the dark level (delay, pixel) to fit instead of the scan's means, e.g. those that a model expects.
 
     Where pulse and gate are told apart, `response` is NaN; where not, these are, and the response is stretched as a whole.
 
@@ -138,11 +140,15 @@ def fit_response(scan: DelayScan, *, known_s: Float | None = None) -> ResponseFi
     """
     noise, dark = noise_statistics(scan), dark_statistics(scan)
     level = scan.dark.astype(np.float64).mean(axis=0)
+    varies = noise["fluctuation"].value
     data = _Data(
-        scan.counts.astype(np.float64).mean(axis=1) - level, max(noise["slope"].value, 1e-12),
-        np.full(level.shape, max(dark["noise"].value ** 2, 1.0 / 12.0)), scan.repeats, scan.delay_s,
-        max(noise["fluctuation"].value, 0.0) if math.isfinite(noise["fluctuation"].value) else 0.0,
-    )  # fmt: skip
+        scan.counts.astype(np.float64).mean(axis=1) - level if light is None else light,
+        max(noise["slope"].value, 1e-12),
+        np.full(level.shape, max(dark["noise"].value ** 2, 1.0 / 12.0)),
+        scan.repeats,
+        scan.delay_s,
+        max(varies, 0.0) if math.isfinite(varies) else 0.0,
+    )
     nothing = Found(math.nan, math.nan)
     best = _fit(scan.rig, data, known_s, ("pulse", "gate"))
     told = all(one.sigma < _APART for one in (best.common["pulse"], best.common["gate"]))
