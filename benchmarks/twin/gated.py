@@ -75,8 +75,10 @@ def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Floa
 def unbiased(rig: TwinRig, draft: GatedTwin, first: DelayScan, range_m: Float) -> TwinRig:
     """The calibrated rig without the bias of its calibration, which takes the echo to be R and nothing else.
 
-    In water the light that is scattered forward comes later, and what is scattered back lies under the echo. The generator's own
-    expectation of a draft of the twin is therefore fitted as the recording was; what this finds beside the draft's values is bias, and is
+    In water the light that is scattered forward comes later, and what is scattered back lies under the echo. The generator's
+    own
+    expectation of a draft of the twin is therefore fitted as the recording was; what this finds beside the draft's values is
+    bias, and is
     taken off: θ = θ̂ − (T(θ̂) − θ̂), one step of indirect inference (C. Gouriéroux et al., J. Appl. Econometrics 8:S85, 1993).
     """
     scan = draft.read_with(first)
