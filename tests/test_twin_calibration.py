@@ -54,7 +54,8 @@ def _erf_response(
 
 
 def _scan(
-    seed: int, *, light: float = 60.0, gain: float = 1.03, read: float = 2.0, f2: float = 1.0, stretch: tuple[float, float] = (1, 1),
+    seed: int, *, light: float = 60.0, gain: float = 1.03, read: float = 2.0, f2: float = 1.0,
+    stretch: tuple[float, float] = (1, 1),
     shift_s: float = 0.0, repeats: int = 40, dark: int = 60, vary: float = 0.0, **changes: Any,
 ) -> tuple[DelayScan, np.ndarray[Any, Any]]:  # fmt: skip
     """A scan drawn by NumPy from the closed form: Poisson numbers of gamma pulses, read noise, rounding."""
