@@ -94,11 +94,15 @@ def test_exact_intervals() -> None:
 
 
 def test_power_in_short() -> None:
-    """One emulated rig: its right twin fails in nothing, and each wrong one fails the clause that names what is wrong."""
-    outcome = tried(Bench(), 0, 10, tuple(FAULTS))
+    """One emulated rig: its right twin fails in nothing, and wrong ones fail the clause that names what is wrong.
+
+    A gain of 3 % and the backscatter need the longer recordings and the more draws of `benchmarks.checks.twin`.
+    """
+    faults = tuple(name for name, (clause, _) in FAULTS.items() if clause in ("pulse", "t0", "read-noise"))
+    outcome = tried(Bench(repeats=64, dark=128), 0, 8, faults)
     assert "fail" not in outcome.verdicts["right"].values()
-    for name, (clause, _) in FAULTS.items():
-        assert outcome.verdicts[name][clause] == "fail", name
+    for name in faults:
+        assert outcome.verdicts[name][FAULTS[name][0]] == "fail", name
 
 
 SETTINGS = {

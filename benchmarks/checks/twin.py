@@ -1,6 +1,6 @@
 """Does the certificate pass right twins, and does it name what is wrong with a wrong one?
 
-    python -m beambench.benchmarks.checks.twin --rigs 40 --draws 16
+    python -m beambench.benchmarks.checks.twin --rigs 40 --draws 40
 
 Emulated rigs: each has hidden parameters, drawn about those that are declared (gain ± 5 %, length of the pulse ± 5 %, time
 zero ± 50 ps,
@@ -121,7 +121,7 @@ class Bench:
         before: delays before the echo.
     """
 
-    def __init__(self, *, electrons: float = 45.0, repeats: int = 112, dark: int = 192, before: int = 5) -> None:
+    def __init__(self, *, electrons: float = 45.0, repeats: int = 192, dark: int = 192, before: int = 5) -> None:
         self.repeats, self.dark = repeats, dark
         scene = load_scene("flat-wall", _SETTINGS)
         echo = 2.0 * 5.0 * 1.357 / 299792458.0
@@ -237,7 +237,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rigs", type=int, default=40, help="emulated rigs")
     parser.add_argument("--faults-of", type=int, default=10**9, help="plant faults in the first so many of them only")
-    parser.add_argument("--draws", type=int, default=16, help="simulated recordings of a twin")
+    parser.add_argument("--draws", type=int, default=40, help="simulated recordings of a twin")
     parser.add_argument("--from", dest="start", type=int, default=0, help="number of the first rig")
     given = parser.parse_args()
     bench, began, outcomes = Bench(), time.perf_counter(), []

@@ -112,14 +112,11 @@ def _one(clause: Clause, found: tuple[float, float, float], half: float, level: 
     verdict: Verdict = "cannot tell"
     if -tolerance < low and high < tolerance:
         verdict, remark = "pass", "agrees within the tolerance"
-    elif low > tolerance or high < -tolerance:
+    elif low > 0.0 or high < 0.0:
         verdict, remark = "fail", clause.physics
-    elif half >= tolerance:
-        remark = (
-            f"the interval is ± {half:.2g} {clause.unit}, wider than the tolerance: record more, or calibrate better"
-        )
     else:
-        remark = "the interval crosses the tolerance: record more to decide"
+        unit = "" if clause.unit == "1" else f" {clause.unit}"
+        remark = f"the interval, ± {half:.2g}{unit}, is too wide for the tolerance: record more repeats"
     return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark)
 
 
