@@ -14,11 +14,12 @@ import pytest
 import beambench
 from beambench import InputError, cli
 from beambench.benchmarks.checks.twin import FAULTS, Bench, exact_interval, tried
+from beambench.benchmarks.twin.certificate import Certificate
 from beambench.benchmarks.twin.clause import Evidence
 from beambench.benchmarks.twin.gated_clauses import CLAUSES
 from beambench.benchmarks.twin.gated_curves import kendall
 from beambench.benchmarks.twin.page import certificate_page, interval_svg
-from beambench.benchmarks.twin.run import Certificate, twin_kind_of
+from beambench.benchmarks.twin.run import twin_kind_of
 from beambench.benchmarks.twin.verdict import ALPHA, judged, with_tolerances
 
 GAIN = next(clause for clause in CLAUSES if clause.name == "gain")

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from ..benchmarks.twin.certificate import Certificate
     from ..benchmarks.twin.rig_file import TwinRig
-    from ..benchmarks.twin.run import Certificate
 
 __all__ = ["Twin", "twin"]
 

@@ -6,15 +6,13 @@ import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..report.charts import finished, quantitative, svg_of
 from ..report.styles import PALETTE
+from .certificate import Certificate
 from .clause import Curve, Judged
 from .verdict import ALPHA
-
-if TYPE_CHECKING:
-    from .run import Certificate
 
 __all__ = ["certificate_page", "interval_svg", "sentence"]
 

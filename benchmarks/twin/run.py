@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -16,36 +15,17 @@ from ...scenes.errors import InputError
 from ..folders.files import write_json, write_text
 from ..judges import JUDGES, judge_of
 from ..scores.tables import to_csv
-from .clause import Ask, Evidence, Judged, TwinKind
+from .certificate import Certificate
+from .clause import Ask, TwinKind
+from .page import certificate_page
 from .verdict import ALPHA, judged, with_tolerances
 
-__all__ = ["COLUMNS", "Certificate", "certified", "twin_kind_of", "write_certificate"]
+__all__ = ["COLUMNS", "certified", "twin_kind_of", "write_certificate"]
 
 COLUMNS = (
     "clause", "title", "unit", "real", "twin", "bound", "difference", "low", "high", "level", "tolerance", "verdict", "remark",
     "tolerance_from", "follows", "cannot_show",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """A certificate: its clauses, and what they rest on. `verdict`: "fail" where a clause fails, "cannot tell" where none
-    was decided,
-    else "pass"."""
-
-    clauses: tuple[Judged, ...]
-    evidence: Evidence
-    modality: str
-
-    @property
-    def verdict(self) -> str:
-        """Of the whole."""
-        held = {one.verdict for one in self.clauses}
-        return "fail" if "fail" in held else "pass" if "pass" in held else "cannot tell"
-
-    def count(self, verdict: str) -> int:
-        """Number of clauses with a verdict."""
-        return sum(one.verdict == verdict for one in self.clauses)
 
 
 def twin_kind_of(modality: object) -> TwinKind:
@@ -89,8 +69,6 @@ def rows_of(certificate: Certificate) -> list[dict[str, Any]]:
 
 def write_certificate(certificate: Certificate, source: str, out: Path, record: Mapping[str, Any]) -> None:
     """Write certificate.html, clauses.csv and run.json into a folder. Raises InputError where they cannot be written."""
-    from .page import certificate_page
-
     rows = rows_of(certificate)
     write_text(out / "clauses.csv", to_csv(rows, list(COLUMNS)))
     write_json(
