@@ -46,8 +46,7 @@ def hide_truth(capture: xr.Dataset) -> xr.Dataset:
 
 def hide_truth_but_ranges(capture: xr.Dataset) -> xr.Dataset:
     """As `hide_truth`, with the ranges of the target where the capture states whence they are (`truth_kind`): a laboratory
-    calibrates on a
-    target that it has surveyed. No estimator is given this."""
+    calibrates on a target that it has surveyed. No estimator is given this."""
     hidden = hide_truth(capture)
     kind = capture.attrs.get("truth_kind", "none")
     if kind == "none" or "truth_range" not in capture:

@@ -37,8 +37,8 @@ def _erf_response(
     u: np.ndarray[Any, Any], fwhm_s: float, width_s: float, rise_s: float, fall_s: float
 ) -> np.ndarray[Any, Any]:
     """R of a Gaussian pulse and a trapezoidal gate, by its closed form: the gate is a difference of two ramps, each the
-    integral of a
-    step over its edge, and a Gaussian blurs a step into Φ. Shares nothing with the samples that the fit reads."""
+    integral of a step over its edge, and a Gaussian blurs a step into Φ. Shares nothing with the samples that the fit
+    reads."""
     from scipy.special import erf
 
     s = fwhm_s / math.sqrt(8 * math.log(2))

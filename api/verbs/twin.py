@@ -39,18 +39,12 @@ def twin(
 ) -> Twin:
     """Compare a recording with its twin, and write a certificate.
 
-    The recording is split into two halves by repeats. The first calibrates the twin's rig, unless a rig file is given, and
-    gives the
-    level of the light; the generator renders the second, many times with new noise, and both are measured by the same code.
-    Each clause
-    says pass, fail or cannot tell, with intervals that hold for all clauses together.
+    One half of the recording calibrates the twin, unless a rig file is given; many draws of it are compared with the other half.
 
     Main arguments:
         real: Store of the recording.
         rig: Rig file with standard errors, as `beambench calibrate` writes it; by default the first half calibrates.
-        scene: What the rig looked at: name of a scene or its file, whose rig is the start of the twin's. By default one echo
-        in each
-            pixel, fitted to the first half.
+        scene: What the rig looked at, name or file, whose rig is the start; by default one echo per pixel, fitted.
     Other arguments:
         index: Which capture of the store.
         fidelity: Rung that renders the scene: "scatter" or "full" with what the water scatters; direct by default.
@@ -66,26 +60,24 @@ def twin(
         `found`: the certificate, with `clauses` and `verdict`; and `out`.
 
     Raises:
-        InputError: A recording without repeats or laser-off frames, a rig or scene of another kind, or a modality without
-        clauses.
+        InputError: A recording that cannot be split, a rig or scene of another kind, or a modality without clauses.
     """
     from ..benchmarks.folders.kinds import TWIN, slug
     from ..benchmarks.folders.workplace import output_folder, refuse_inputs, workplace
     from ..benchmarks.twin.clause import Ask
-    from ..benchmarks.twin.run import certified, twin_kind_of, write_certificate
+    from ..benchmarks.twin.run import certified, write_certificate
     from ..captures import open_captures
 
     store = open_captures(real)
     capture = store[_index(index, len(store))]
-    twin_kind_of(capture.attrs.get("modality"))
     folder = output_folder(out, f"twin-{slug(Path(real).stem)}", resume=False, overwrite=overwrite)
     refuse_inputs(folder, [real, *([rig] if rig is not None else [])])
-    ask = Ask(_rig(rig, str(capture.attrs["modality"])), scene, fidelity, draws, seed, tuple(estimator or _RANKED))
-    found = certified(capture, ask, _tolerances(tolerance))
+    held = _rig(rig, str(capture.attrs["modality"]))
+    tolerances = _tolerances(tolerance)
+    found = certified(capture, Ask(held, scene, fidelity, draws, seed, tuple(estimator or _RANKED)), tolerances)
     record = {
-        "verb": TWIN.verb, "command": list(command), "rig": None if rig is None else str(rig),
-        "scene": None if scene is None else str(scene), "index": index, "fidelity": fidelity, "draws": draws,
-        "estimators": list(ask.estimators), "tolerance": _tolerances(tolerance), "seed": seed,
+        "verb": TWIN.verb, "command": list(command), "index": index, "fidelity": fidelity, "draws": draws, "seed": seed,
+        "rig": _text(rig), "scene": _text(scene), "estimators": list(estimator or _RANKED), "tolerance": tolerances,
     }  # fmt: skip
     with workplace(folder, TWIN, overwrite=overwrite) as work:
         write_certificate(found, Path(real).name, work, record)
@@ -96,6 +88,10 @@ def twin(
 _RANKED = (
     "poisson-ml", "matched-filter", "weighted-average[background=outside]", "parabola", "peak", "constant-fraction", "threshold",
 )  # fmt: skip
+
+
+def _text(path: str | Path | None) -> str | None:
+    return None if path is None else str(path)
 
 
 def _index(index: int, length: int) -> int:

@@ -1,12 +1,10 @@
 """What each estimator loses per unit of an error of its declared rig.
 
     python -m beambench.benchmarks.checks.mismatch [--suite mismatch] [--csv FILE]
-
-Each capture of the suite is read with the right rig, and with each error of its table `mismatch` alone, added and
-subtracted. The loss is
-the change of the rms error over the error's amount, of each sign by itself; the shift that of the mean error, half of the
-difference of
-both signs. Intervals (95 %) are Student's over the seeds: the noise is the same in all readings of a capture and drops out.
+ Each capture of the suite is read with the right rig, and with each error of its table `mismatch` alone, added and
+subtracted. The loss is the change of the rms error over the error's amount, of each sign by itself; the shift that of the
+mean error, half of the difference of both signs. Intervals (95 %) are Student's over the seeds: the noise is the same in all
+readings of a capture and drops out.
 """
 
 from __future__ import annotations
@@ -38,9 +36,8 @@ __all__ = ["Loss", "losses", "main"]
 
 @dataclass(frozen=True)
 class Loss:
-    """A row: rms error with the right rig [unit], and per unit of the error, with half widths of 95 % intervals: what is
-    lost where it is
-    added and where it is subtracted, and the shift of the mean error. `error_unit`: unit of the amount."""
+    """A row: rms error with the right rig [unit], and per unit of the error, with half widths of 95 % intervals: what is lost
+    where it is added and where it is subtracted, and the shift of the mean error. `error_unit`: unit of the amount."""
 
     scene: str
     estimator: str

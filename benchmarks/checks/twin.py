@@ -1,19 +1,16 @@
 """Does the certificate pass right twins, and does it name what is wrong with a wrong one?
 
     python -m beambench.benchmarks.checks.twin --rigs 40 --draws 40
-
-Emulated rigs: each has hidden parameters, drawn about those that are declared (gain ± 5 %, length of the pulse ± 5 %, time
-zero ± 50 ps,
-read noise ± 10 %, the energy of frames 0 or 1 %), a gated camera with a tube of F² = 1.8, and a wall behind water that
-scatters. A recording
-is drawn, one half of it calibrates the twin's rig, and the certificate judges the other half:
+ Emulated rigs: each has hidden parameters, drawn about those that are declared (gain ± 5 %, length of the pulse ± 5 %, time
+zero ± 50 ps, read noise ± 10 %, the energy of frames 0 or 1 %), a gated camera with a tube of F² = 1.8, and a wall behind
+water that scatters. A recording is drawn, one half of it calibrates the twin's rig, and the certificate judges the other
+half:
 
 - with the twin as calibrated: no clause may fail;
 - with the twin's rig wrong in one planted way: the clause that names it must fail.
-
-The expectation is rendered once by the generator; rigs differ from it by their own pulse, gate and time zero
-(`expected_electrons`), and by
-noise. The estimators' clauses are left out: what they find follows from these. Intervals are exact (Clopper and Pearson).
+ The expectation is rendered once by the generator; rigs differ from it by their own pulse, gate and time zero
+(`expected_electrons`), and by noise. The estimators' clauses are left out: what they find follows from these. Intervals are
+exact (Clopper and Pearson).
 """
 
 from __future__ import annotations

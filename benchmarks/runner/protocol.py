@@ -69,8 +69,7 @@ def write_meta(folder: Path, capture: xr.Dataset, condition: str, common: xr.Dat
 
     Other arguments:
         common: the capture whose arrays are in the folder. Coordinates that differ from its own are written as well, under
-        the name of the
-            condition.
+            the name of the condition.
     """
     variables = {
         str(name): {

@@ -44,10 +44,8 @@ class SceneEntry(Spec):
     """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
 
     `name` distinguishes two entries of one scene; it defaults to the scene's own name. `fidelity`: the rung of this scene,
-    where
-    it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes.
-    `conditions`: which
-    of the suite's it is run under; all by default.
+    where it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes.
+    `conditions`: which of the suite's it is run under; all by default.
     """
 
     scene: Annotated[str, Field(min_length=1)]
@@ -97,10 +95,8 @@ class Stress(Spec):
 
 class Draw(Spec):
     """What differs from seed to seed, so that no estimator knows the truth from the rig: the level of a stress, uniform from
-    `low`
-    to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that are
-    drawn;
-    all by default.
+    `low` to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that
+    are drawn; all by default.
     """
 
     axis: Annotated[str, Field(min_length=1)]
@@ -199,12 +195,10 @@ class Suite(Spec):
         fidelity, rtol: arguments of the generator; an entry of `scenes` may have a `fidelity` of its own.
         draws: what is drawn anew for every seed, before any stress.
         mismatch: the condition "mismatched": {what: amount} by which the declared rig is wrong, e.g. t0 = 2e-11 [s];
-        `suites.mismatch`
-            lists what may be wrong. What a scene's rig does not have is left as it is.
+            `suites.mismatch` lists what may be wrong. What a scene's rig does not have is left as it is.
         new_child: how often an estimator gets a new process: for every condition, or for every capture, which takes a start
-        and a
-            warm-up each time, and leaves no memory of the captures before. Built-in estimators, of which a law holds that none
-            remembers a capture, get one for every condition either way.
+            and a warm-up each time, and leaves no memory of the captures before. Built-in estimators, of which a law holds
+            that none remembers a capture, get one for every condition either way.
     """
 
     example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"

@@ -11,9 +11,8 @@ __all__ = ["Certificate"]
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate: its clauses, and what they rest on. `verdict`: "fail" where a clause fails, "cannot tell" where none
-    was decided,
-    else "pass"."""
+    """A certificate: its clauses, and what they rest on. `verdict`: "fail" where a clause fails, "cannot tell" where none was
+    decided, else "pass"."""
 
     clauses: tuple[Judged, ...]
     evidence: Evidence

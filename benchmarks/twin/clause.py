@@ -24,11 +24,9 @@ class Clause:
     Main arguments:
         name: of the statistic. title: in a few words. unit, factor: of display; factor times the statistic is in `unit`.
         relative, absolute: the tolerance: the larger of `relative` times the larger of both values, and `absolute` in the
-        unit of
-            display.
+            unit of display.
         why: where the tolerance comes from. follows: the published test that it follows, "" for none. cannot: what it cannot
-        show.
-        physics: what a failure means beside its bound.
+        show. physics: what a failure means beside its bound.
     Other arguments:
         above: the statistic is itself a degree of agreement, and must lie above `absolute`.
     """
@@ -67,9 +65,8 @@ class Evidence:
         real: statistic -> value of the rig; missing or NaN where it cannot be measured. twins: the same of every draw of the
         twin.
         bounds: statistic -> the physical bound, in the statistic's unit: the least standard error that any evaluation of the
-        judged
-            half could have, or the value itself where the clause is about an error. why_not: statistic -> why it could not be
-            measured. curves: small charts by the name of their clause. about: lines about the recording and the twin.
+            judged half could have, or the value itself where the clause is about an error. why_not: statistic -> why it could
+            not be measured. curves: small charts by the name of their clause. about: lines about the recording and the twin.
     Other arguments:
         intervals: statistic -> 95 % interval of a statistic that brings its own (`Clause.above`).
     """
@@ -86,8 +83,7 @@ class Evidence:
 @dataclass(frozen=True)
 class Judged:
     """A clause with its values in the unit of display: `low`, `high` the interval of the difference real − twin at the
-    family-wise
-    corrected `level`, `tolerance`, the `bound`, the verdict and a remark in a sentence."""
+    family-wise corrected `level`, `tolerance`, the `bound`, the verdict and a remark in a sentence."""
 
     clause: Clause
     real: float
@@ -104,8 +100,8 @@ class Judged:
 @dataclass(frozen=True)
 class Ask:
     """What is asked of a modality: `rig`, the twin's, None to calibrate on the first half; `scene`: name or file of what the
-    rig looked at,
-    None if unknown; the rung; how many draws of the twin; the random seed; estimators whose ranking is compared."""
+    rig looked at, None if unknown; the rung; how many draws of the twin; the random seed; estimators whose ranking is
+    compared."""
 
     rig: TwinRig | None
     scene: str | Path | None

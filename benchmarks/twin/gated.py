@@ -76,10 +76,9 @@ def unbiased(rig: TwinRig, draft: GatedTwin, first: DelayScan, range_m: Float) -
     """The calibrated rig without the bias of its calibration, which takes the echo to be R and nothing else.
 
     In water the light that is scattered forward comes later, and what is scattered back lies under the echo. The generator's
-    own
-    expectation of a draft of the twin is therefore fitted as the recording was; what this finds beside the draft's values is
-    bias, and is
-    taken off: θ = θ̂ − (T(θ̂) − θ̂), one step of indirect inference (C. Gouriéroux et al., J. Appl. Econometrics 8:S85, 1993).
+    own expectation of a draft of the twin is therefore fitted as the recording was; what this finds beside the draft's values
+    is bias, and is taken off: θ = θ̂ − (T(θ̂) − θ̂), one step of indirect inference (C. Gouriéroux et al., J. Appl.
+    Econometrics 8:S85, 1993).
     """
     scan = draft.read_with(first)
     fit = fit_response(scan, known_s=surveyed_delay(scan, range_m), light=draft.expected_dn())
@@ -173,9 +172,8 @@ def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
 
 
 def _bounds(judged: DelayScan, frame: Frame, fit: Any, answers: Ranges) -> dict[str, float]:
-    """Least standard errors: from the Fisher information of the moment form for times and widths, from the numbers of
-    samples for the
-    noise; the Cramér-Rao bound of one repeat for the precision."""
+    """Least standard errors: from the Fisher information of the moment form for times and widths, from the numbers of samples
+    for the noise; the Cramér-Rao bound of one repeat for the precision."""
     pixels, dark = judged.counts.shape[2], len(judged.dark)
     noise, off = noise_statistics(judged), dark_statistics(judged)
     n_g = judged.rig.number("medium.group_index", above=0)

@@ -45,8 +45,7 @@ def kendall(a: Float, b: Float) -> Float:
 
 def _squares(answers: Ranges, frame: Frame, labels: Sequence[str]) -> Float:
     """(label, pixel): mean square error over repeats; about the known range, or about the pixel's own mean. A pixel without
-    an answer
-    counts with the greatest error of any."""
+    an answer counts with the greatest error of any."""
     found = []
     for label in labels:
         values = answers.range_m[label]

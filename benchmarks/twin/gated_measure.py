@@ -35,8 +35,8 @@ class Frame:
         expected_dn: light of the twin without noise, (delay, pixel). slope, floor: its variance per DN of light, and without
         light, DN².
         known_s: times of the echoes (pixel), None where every half's own are fitted. before: delays at which no echo is,
-        only what
-            water scatters. dn_per_e: counts per photoelectron. map: whether amplitudes were fitted to the recording.
+            only what water scatters. dn_per_e: counts per photoelectron. map: whether amplitudes were fitted to the
+            recording.
         range_m: known ranges (pixel), None if unknown. mixed: pixels that see two surfaces. first_m, last_m: their ranges.
     """
 
@@ -72,8 +72,7 @@ def _residuals(light: Float, repeats: int, dark: int, frame: Frame) -> dict[str,
     amplitudes.
 
     The mean of the dark frames, which is subtracted from all delays of a pixel, is part of their errors: it is eliminated
-    too, as a
-    constant with the prior of its noise.
+    too, as a constant with the prior of its noise.
     """
     model = frame.expected_dn
     variance = (frame.floor + frame.slope * np.maximum(model, 0.0)) / repeats
@@ -100,8 +99,7 @@ def _residuals(light: Float, repeats: int, dark: int, frame: Frame) -> dict[str,
 @dataclass(frozen=True, eq=False)
 class Ranges:
     """Answers of estimators to single repeats: label -> (repeat, pixel), NaN where there is none; `two` (repeat, pixel):
-    whether two
-    surfaces were found; `failed`: label -> why it gave no answer at all."""
+    whether two surfaces were found; `failed`: label -> why it gave no answer at all."""
 
     range_m: Mapping[str, Float]
     two: npt.NDArray[np.bool_] | None

@@ -44,10 +44,8 @@ class GatedTwin:
 
     Main arguments:
         scene: with the twin's rig. light: its echoes, scaled to the recording's light. scattered: what water adds to a
-        delay, (delay,
-            pixel), electrons. uncertain: what is drawn anew. spread: standard errors of the echoes' amplitude and time where
-            they were
-            fitted to the recording, relative and in s; None where they are those of a scene.
+            delay, (delay, pixel), electrons. uncertain: what is drawn anew. spread: standard errors of the echoes' amplitude
+            and time where they were fitted to the recording, relative and in s; None where they are those of a scene.
         truth: maps of the scene (row, col) by name; empty for a fitted map.
         settings_s, shape: of the scan.
     """
@@ -145,8 +143,7 @@ def rendered_twin(
         scene: with the twin's rig and the delays of the scan. first: the half that gives the level of light. uncertain: of
         the rig.
         fitted: amplitudes and times of the echoes as fitted to `first` with the twin's rig; None: those of the scene.
-        surveyed: whether
-            the times of `fitted` are those of a surveyed target.
+            surveyed: whether the times of `fitted` are those of a surveyed target.
 
     Raises:
         InputError: the scene shows no light where the recording does.

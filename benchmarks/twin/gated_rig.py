@@ -39,9 +39,8 @@ def twin_scene(
 
     Main arguments:
         capture: the recording. scene: what it shows; None: a wall, whose light is replaced by the map that is fitted to the
-        recording.
-        values: {path: value} of the twin's rig, over the scene's rig or, without a scene, over the recording's declared one.
-        delays_s: what the delay generator was set to, (delay).
+        recording. values: {path: value} of the twin's rig, over the scene's rig or, without a scene, over the recording's
+        declared one. delays_s: what the delay generator was set to, (delay).
 
     Raises:
         InputError: a scene of another kind; a declared rig that lacks what the generator needs.
@@ -184,9 +183,8 @@ def uncertain_of(scene: Scene, sigmas: Mapping[str, float]) -> Uncertain:
 def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> Scene:
     """The scene with its uncertain values drawn anew.
 
-    The standard error of a gain is that at a fixed excess noise factor: photon transfer measures gain × F², so that a
-    greater F² comes
-    with a smaller gain. Read noise and DSNU are measured in DN: what is drawn for the gain changes them inversely.
+    The standard error of a gain is that at a fixed excess noise factor: photon transfer measures gain × F², so that a greater
+    F² comes with a smaller gain. Read noise and DSNU are measured in DN: what is drawn for the gain changes them inversely.
     """
     data = scene.model_dump(mode="json")
     changes: dict[str, Any] = {}

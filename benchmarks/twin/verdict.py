@@ -1,18 +1,12 @@
 """Verdicts: the difference of a rig's statistic and its twin's, with an interval that holds for all clauses together.
-
-The twin is drawn M times, each time with the uncertain values of its rig drawn anew and with new noise. Under the hypothesis
-that the
-twin is right the rig's value T is one more such draw, so that
+ The twin is drawn M times, each time with the uncertain values of its rig drawn anew and with new noise. Under the hypothesis
+that the twin is right the rig's value T is one more such draw, so that
 
     t = (T − mean) / (s √(1 + 1/M))
-
-has Student's distribution with M − 1 degrees of freedom, s the standard deviation over draws. The interval of T − mean is ±
-t s √(1 + 1/M);
-it takes the rig's own scatter to be the twin's. Levels are Holm's (Scand. J. Statist. 6:65, 1979): clauses are sorted by
-|t|, the k-th
-of m gets 1 − α/(m − k + 1) as long as each before it was significant, and all that follow the level of the first that was
-not. The
-chance that any clause of a right twin fails is below α.
+ has Student's distribution with M − 1 degrees of freedom, s the standard deviation over draws. The interval of T − mean is ±
+t s √(1 + 1/M); it takes the rig's own scatter to be the twin's. Levels are Holm's (Scand. J. Statist. 6:65, 1979): clauses
+are sorted by |t|, the k-th of m gets 1 − α/(m − k + 1) as long as each before it was significant, and all that follow the
+level of the first that was not. The chance that any clause of a right twin fails is below α.
 
     pass          the interval lies within the tolerance: shown to agree
     fail          it does not, and it does not hold 0: shown to differ, by more than may be tolerated

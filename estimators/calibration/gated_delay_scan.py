@@ -6,11 +6,9 @@ Input: one capture of a target that fills the image (a flat wall), every delay r
     offset, read noise, DSNU, energy fluctuation            frames with the laser off, and whole frames
     pulse, gate     stretches of the declared samples       t0              if the target's range is surveyed (`gated_widths`)
     backscatter     light at delays before the echo
-
-Photon transfer alone gives gain × F² of an intensified camera. Where the third cumulant tells F² to 10 %, it is used and
-stated;
-otherwise the declared F² is kept. The standard error of the gain is that of gain × F².
-Where the scan does not tell pulse from gate, both are stretched as the response as a whole is, and a note says so.
+ Photon transfer alone gives gain × F² of an intensified camera. Where the third cumulant tells F² to 10 %, it is used and
+stated; otherwise the declared F² is kept. The standard error of the gain is that of gain × F². Where the scan does not tell
+pulse from gate, both are stretched as the response as a whole is, and a note says so.
 """
 
 from __future__ import annotations
@@ -43,10 +41,9 @@ class ScanValues:
     """What a scan tells of a rig.
 
     Main arguments:
-        numbers: {path: value and standard error}. pulse, gate: stretches of the declared shapes. told: whether these are
-        told apart.
-        fit: of the response. backscatter_e: mean light before the echo, electrons; NaN where no delay is before it. slope: K
-        G F².
+        numbers: {path: value and standard error}. pulse, gate: stretches of the declared shapes. told: whether these are told
+        apart. fit: of the response. backscatter_e: mean light before the echo, electrons; NaN where no delay is before it.
+        slope: K G F².
     """
 
     numbers: Mapping[str, Found]

@@ -5,10 +5,8 @@ With y a count, o the dark level, K the gain [DN/electron], G and F² gain and e
 photoelectrons, all over repeats of one delay and pixel,
 
     mean(y) − o = K G n,        var(y) − var(dark) = K² G² F² n,        κ₃(y) − κ₃(dark) = K³ G³ F² (2F² − 1) n
-
-(a Poisson number of gamma-distributed pulses). So the slope of the variance is s₂ = K G F², that of the third cumulant
-s₃ = (K G)² F² (2F² − 1), and s₃/s₂² = 2 − 1/F² tells F² whatever the gain is. Slopes are ratios of sums over pixels with
-weights
+ (a Poisson number of gamma-distributed pulses). So the slope of the variance is s₂ = K G F², that of the third cumulant s₃ =
+(K G)² F² (2F² − 1), and s₃/s₂² = 2 − 1/F² tells F² whatever the gain is. Slopes are ratios of sums over pixels with weights
 that depend on the delay only, so that the noise of a mean does not bias them.
 
 What all pixels of a frame share (the laser's energy, a delay that jitters) is taken out first: each frame is compared with its
@@ -108,8 +106,8 @@ def jackknifed(statistic: Callable[[Float], Mapping[str, float]], pixels: int) -
 
 def noise_statistics(scan: DelayScan) -> dict[str, Found]:
     """`slope` = K G F² [DN], `excess` = F² [1] by the third cumulant, `fluctuation` [1], the relative rms of the frames'
-    light beyond
-    photon noise. With standard errors; saturated delays, in which a pixel reaches the converter's top, are left out.
+    light beyond photon noise. With standard errors; saturated delays, in which a pixel reaches the converter's top, are left
+    out.
 
     `excess` is NaN where fewer than three repeats or too little light leave the third cumulant undefined.
     """
@@ -168,8 +166,7 @@ def _fluctuation(scan: DelayScan, m: _Moments, relative: Float, slope: float) ->
 
 def dark_statistics(scan: DelayScan) -> dict[str, Found]:
     """Of the frames with the laser off: `level` [DN], `noise` = temporal rms of a pixel [DN] and `pattern` = rms of the
-    pixels' means
-    [DN], the temporal part taken off."""
+    pixels' means [DN], the temporal part taken off."""
     dark = scan.dark.astype(np.float64)
     mean, variance = dark.mean(axis=0), dark.var(axis=0, ddof=1)
     frames = len(dark)

@@ -3,18 +3,14 @@
 The mean count of delay k and pixel i, above its dark level, is
 
     y_ki = a_i R(τ_i + δ − t_k; 1 + p, 1 + g) + b_i,
-
-R the correlation of pulse and gate whose times are stretched by 1 + p and 1 + g (`estimators.response`). Amplitude a_i and
-what stands
-still, b_i, belong to the pixel and are eliminated; p and g belong to all pixels. The echo's time τ_i is fitted in every
-pixel, or, with
-a surveyed target, known but for the common shift δ, which is the error of the declared time zero. Fisher scoring, three steps:
+ R the correlation of pulse and gate whose times are stretched by 1 + p and 1 + g (`estimators.response`). Amplitude a_i and
+what stands still, b_i, belong to the pixel and are eliminated; p and g belong to all pixels. The echo's time τ_i is fitted in
+every pixel, or, with a surveyed target, known but for the common shift δ, which is the error of the declared time zero.
+Fisher scoring, three steps:
 
     H = Σ_i [C_iᵀ W C_i − C_iᵀ W L_i (L_iᵀ W L_i)⁻¹ L_iᵀ W C_i],     (p, g, δ) = H⁻¹ g,     covariance H⁻¹,
-
-with L the columns of one pixel, C the common ones, W = 1/variance of the mean. Where pulse and gate widen R in the same way
-(two
-Gaussians), H is singular in p − g, and only the response as a whole is told.
+ with L the columns of one pixel, C the common ones, W = 1/variance of the mean. Where pulse and gate widen R in the same way
+(two Gaussians), H is singular in p − g, and only the response as a whole is told.
 """
 
 from __future__ import annotations
@@ -228,8 +224,7 @@ def _fit(rig: DeclaredRig, data: _Data, known_s: Float | None, stretches: tuple[
 
 def _covariance(data: _Data, own: _Own, columns: Float, local: Float, weight: Float, solved: _Solved) -> Float:
     """H⁻¹, and what the light of whole frames adds that varies by f: H⁻¹ Σ_k g_k g_kᵀ f²/repeats H⁻¹, g_k = Σ_i W C̃ (y's
-    light), C̃ the
-    common columns without what the pixels' own explain."""
+    light), C̃ the common columns without what the pixels' own explain."""
     inverse = np.linalg.inv(solved.normal)
     cross = np.einsum("kpl,kp,kpc->plc", local, weight, columns)
     left = columns - np.einsum("kpl,plc->kpc", local, np.einsum("plm,pmc->plc", solved.inverse, cross))
@@ -297,8 +292,7 @@ class _Solved:
 
 def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Solved:
     """One step of scoring with the pixels' own columns eliminated. A pixel without an echo, whose own columns are dependent,
-    is left
-    out."""
+    is left out."""
     wl = local * weight[..., None]
     inner = np.einsum("kpl,kpm->plm", wl, local)
     scale = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), 1e-300))
@@ -323,8 +317,7 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Sol
 
 def time_bound_s(scan: DelayScan, fit: ResponseFit) -> Float:
     """Least standard error [s] of the echo's time in one repeat, (pixel): 1/√(F₀₀ − F₀₁²/F₁₁) of time and amplitude,
-    background known, in
-    the moment form (a Gaussian of the counts' variance); infinite where no light is."""
+    background known, in the moment form (a Gaussian of the counts' variance); infinite where no light is."""
     noise, dark = noise_statistics(scan), dark_statistics(scan)
     pulse, gate = ((one.value if math.isfinite(one.value) else fit.response.value) for one in (fit.pulse, fit.gate))
     r, slope, _ = _response(scan.rig, pulse, gate)(fit.tau_s[None, :] - scan.delay_s[:, None])
@@ -343,8 +336,8 @@ def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[
     """The response as measured, without a model of its shape: R/max R against u = τ − t, pooled over pixels in even bins.
 
     Returns `u_s`, `value` and `sigma` (bin), the last two relative to the fitted amplitude; bins that no sample falls into
-    are NaN. A
-    pixel's τ and amplitude come from the fit, so that the profile shows where the measured shape leaves the declared one.
+    are NaN. A pixel's τ and amplitude come from the fit, so that the profile shows where the measured shape leaves the
+    declared one.
     """
     y = scan.counts.astype(np.float64).mean(axis=1) - scan.dark.astype(np.float64).mean(axis=0) - fit.still
     spread = scan.counts.astype(np.float64).var(axis=1, ddof=1) / scan.repeats
