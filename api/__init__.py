@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .verbs.score import score
     from .verbs.suites import suites_list, suites_new, suites_show
     from .verbs.sweep import sweep
+    from .verbs.twin import twin
 
     __version__: str
 
@@ -78,6 +79,7 @@ __all__ = [
     "suites_new",
     "suites_show",
     "sweep",
+    "twin",
 ]
 
 _HOME = {
@@ -117,6 +119,7 @@ _HOME = {
     "suites_new": ".verbs.suites",
     "suites_show": ".verbs.suites",
     "sweep": ".verbs.sweep",
+    "twin": ".verbs.twin",
 }
 #: Sub-packages, imported on first use as well: `beambench.scenes.load_scene`.
 _ROOMS = ("benchmarks", "captures", "estimators", "generator", "optics", "scenes")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from ..scenes.errors import InputError
 from .folders.journal import Journal, with_nan, without_nan
 from .folders.progress import Progress
 from .folders.record import machine
+from .judges.mismatch import wrongly_declared
 from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row
 from .runner.estimator_labels import Chosen
@@ -130,6 +132,8 @@ class Measuring:
     def _condition(self, name: str, cell: Cell, capture: xr.Dataset) -> Callable[[xr.Dataset], xr.Dataset]:
         if name == "matched":
             return lambda hidden: hidden
+        if name == "mismatched":
+            return partial(wrongly_declared, cell.scene, self.suite.mismatch)
         if self._calibrations is None:
             from .judges.calibrate import Calibrations
 

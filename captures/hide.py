@@ -11,7 +11,7 @@ from .layouts import layout_of
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["VISIBLE_ATTRIBUTES", "hide_truth", "sealed"]
+__all__ = ["VISIBLE_ATTRIBUTES", "hide_truth", "hide_truth_but_ranges", "sealed"]
 
 VISIBLE_ATTRIBUTES = ("schema_version", "modality", "rig", "averaged")
 """The attributes that an estimator may read: the declared instrument. The seed is hidden, as the noise follows from it."""
@@ -42,6 +42,16 @@ def hide_truth(capture: xr.Dataset) -> xr.Dataset:
         group[name] = xr.Variable(tuple(str(d) for d in original.dims), sealed(np.asarray(original.values)), attrs)
     attributes = {name: capture.attrs[name] for name in VISIBLE_ATTRIBUTES if name in capture.attrs}
     return xr.Dataset(data, coords, attributes)
+
+
+def hide_truth_but_ranges(capture: xr.Dataset) -> xr.Dataset:
+    """As `hide_truth`, with the ranges of the target where the capture states whence they are (`truth_kind`): a laboratory
+    calibrates on a target that it has surveyed. No estimator is given this."""
+    hidden = hide_truth(capture)
+    kind = capture.attrs.get("truth_kind", "none")
+    if kind == "none" or "truth_range" not in capture:
+        return hidden
+    return hidden.assign(truth_range=capture["truth_range"].load()).assign_attrs(truth_kind=kind)
 
 
 def sealed(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

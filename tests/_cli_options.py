@@ -1,6 +1,9 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-30.
 
 One kind has changed since 2026-11-28: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
+One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
+`bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `twin`,
+`--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations
@@ -298,4 +301,17 @@ sweep: --resume <flag> default False
 sweep: --set <text...> default None
 sweep: --split <{dev,test}> default 'test'
 sweep: SUITE <text> required
+twin: --debug <flag> default False
+twin: --draws <number> default 40
+twin: --estimator <text...> default None
+twin: --fidelity <{direct,scatter,full}> default None
+twin: --index <number> default 0
+twin: --json <flag> default False
+twin: --out -o <text> default None
+twin: --overwrite <flag> default False
+twin: --rig <text> default None
+twin: --scene <text> default None
+twin: --seed <number> default 1
+twin: --tolerance <text...> default None
+twin: REAL <text> required
 """.strip().splitlines()

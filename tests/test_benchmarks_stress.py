@@ -38,6 +38,7 @@ LEVELS = {
     "wrong-t0": 1e-10,
     "wrong-pulse": 0.2,
     "wrong-gate": 0.2,
+    "wrong-pitch": 0.1,
     "attenuation-lengths": 2.0,
     "turbidity": 2.0,
     "specular": 0.5,

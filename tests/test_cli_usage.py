@@ -19,7 +19,7 @@ COMMANDS = (
     "run", "scenes list", "scenes show", "scenes preview", "generate", "data status", "data verify", "data repair", "data finalize",
     "estimate",
     "score", "estimators list", "estimators check", "estimators new", "report", "compare", "doctor",
-    "export", "bound", "design", "sweep", "break", "fidelity", "reproduce",
+    "export", "bound", "design", "twin", "sweep", "break", "fidelity", "reproduce",
     "record", "drivers list",
 )  # fmt: skip
 

@@ -45,7 +45,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets", "card",
-        "design", "search", "peers", "fidelity", "measure", "run", "gate", "checks", "reproduce",
+        "design", "search", "peers", "fidelity", "measure", "run", "gate", "twin", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip

@@ -34,6 +34,7 @@ _COMMANDS = {
     "export": (9, "estimate:EXPORT"),
     "bound": (10, "bound:BOUND"),
     "design": (11, "design:DESIGN"),
+    "twin": (12, "twin:TWIN"),
     "sweep": (13, "search:SWEEP"),
     "break": (14, "search:BREAK"),
     "fidelity": (15, "fidelity:FIDELITY"),

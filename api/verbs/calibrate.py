@@ -43,7 +43,7 @@ def calibrate(
 
     Main arguments:
         data: Stores of captures of one rig.
-        procedures: Procedure to run, instead of all that the captures allow: emva1288.
+        procedures: Procedure to run, instead of all that the captures allow: emva1288, delay-scan.
         rig: A rig file that the values go into; a new one by default.
     Other arguments:
         out: The rig file, .toml; ./beambench-runs/rig-<name>-<time>.toml by default.
@@ -119,7 +119,7 @@ def _is_rig_file(path: Path) -> bool:
 
 
 class _Hidden(Sequence["xr.Dataset"]):
-    """The captures of several stores without their truth, read when they are asked for."""
+    """The captures of several stores without their truth but for surveyed ranges, read when they are asked for."""
 
     def __init__(self, stores: Sequence[CaptureSet]) -> None:
         self._at = [(store, index) for store in stores for index in range(len(store))]
@@ -145,12 +145,12 @@ class _Hidden(Sequence["xr.Dataset"]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[xr.Dataset]: ...
     def __getitem__(self, index: int | slice) -> xr.Dataset | Sequence[xr.Dataset]:
-        from ..captures import hide_truth
+        from ..captures.hide import hide_truth_but_ranges
 
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
         store, number = self._at[index]
-        return hide_truth(store[number])
+        return hide_truth_but_ranges(store[number])
 
     def __iter__(self) -> Iterator[xr.Dataset]:
         return (self[index] for index in range(len(self)))

@@ -157,7 +157,8 @@ def _near(scenes: list[tuple[int, str, dict[str, float], str]], found: Leaks) ->
             own += tree.query(values[train], k=2, p=np.inf)[0][:, 1].tolist()
         for index in np.flatnonzero(~train):
             distance, nearest = tree.query(values[index], p=np.inf)
-            pairs[members[index][1]].append((float(distance), int(order[index]), int(order[train][nearest])))
+            part = members[int(index)][1]
+            pairs[part].append((float(distance), int(order[index]), int(order[train][int(nearest)])))
     found.own = float(np.median(own)) if own else float("nan")
     for part, listed in sorted(pairs.items()):
         listed.sort()

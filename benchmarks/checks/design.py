@@ -142,7 +142,7 @@ def compared(
     if stack:
         width = _width(scene)
         allow = (f"slices={slices}", "gate-width=" + ",".join(str(width * one) for one in widths))
-        held = {"rig.pulses_per_slice": max(round(scene.rig.pulses_per_slice * budget), 1)}  # type: ignore[union-attr]
+        held = {"rig.pulses_per_slice": max(round(float(getattr(scene.rig, "pulses_per_slice")) * budget), 1)}  # noqa: B009
     found = designed(scene, budget=budget, allow=allow, fidelity=fidelity, model=model)
     own, answered = squares(scene, held, seeds, fidelity, quantity)
     chosen, also = squares(scene, found.best.overrides, seeds, fidelity, quantity)

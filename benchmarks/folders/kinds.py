@@ -20,6 +20,7 @@ __all__ = [
     "RUN",
     "SCORE",
     "SWEEP",
+    "TWIN",
     "Kind",
     "slug",
     "verb_in",
@@ -159,3 +160,4 @@ FIDELITY = Kind(
     lambda folder: (folder / "fidelity.csv").is_file(),
     resumes=True,
 )
+TWIN = Kind("twin", ("certificate.html", "clauses.csv", "run.json"), _never, whole=True)

@@ -43,4 +43,5 @@ JUDGE = Judge(
     scenes=("flat-wall", "tilted-wall", "sphere"),
     laws="beambench.benchmarks.laws.gated:LAWS",
     design="beambench.benchmarks.design.gated:DESIGNS",
+    twin="beambench.benchmarks.twin.gated:TWIN",
 )

@@ -41,6 +41,7 @@ class Judge:
         rungs: "module:object" of the record `benchmarks.fidelity.bench.Bench`, with which the choice between rungs is measured.
         design: "module:object" of the record `benchmarks.design.kind.Designs`, with which settings of the rig are chosen; "" if
             none are.
+        twin: "module:object" of the record `benchmarks.twin.clause.TwinKind`, the clauses of a certificate; "" if there are none.
     """
 
     truth: Callable[[xr.Dataset], Mapping[str, Truth]]
@@ -53,3 +54,4 @@ class Judge:
     laws: str = ""
     rungs: str = ""
     design: str = ""
+    twin: str = ""

@@ -64,8 +64,13 @@ def write_capture(folder: Path, capture: xr.Dataset) -> None:
         path.chmod(0o444)
 
 
-def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
-    """Write the dimensions and attributes of a capture under one condition."""
+def write_meta(folder: Path, capture: xr.Dataset, condition: str, common: xr.Dataset | None = None) -> None:
+    """Write the dimensions and attributes of a capture under one condition.
+
+    Other arguments:
+        common: the capture whose arrays are in the folder. Coordinates that differ from its own are written as well, under
+            the name of the condition.
+    """
     variables = {
         str(name): {
             "dims": [str(dim) for dim in variable.dims],
@@ -74,6 +79,13 @@ def write_meta(folder: Path, capture: xr.Dataset, condition: str) -> None:
         }
         for name, variable in capture.variables.items()
     }
+    for name in capture.coords if common is not None else ():
+        assert common is not None
+        if not np.array_equal(capture[name].values, common[name].values, equal_nan=capture[name].dtype.kind == "f"):
+            path = folder / f"{name}@{condition}.npy"
+            np.save(path, np.ascontiguousarray(capture[name].values), allow_pickle=False)
+            path.chmod(0o444)
+            variables[str(name)]["file"] = path.name
     meta = {"variables": variables, "attrs": _attributes(capture.attrs)}
     (folder / f"meta-{condition}.json").write_text(json.dumps(meta), encoding="utf-8")
 
@@ -92,7 +104,8 @@ def content_id(sums: Mapping[str, str], condition: str) -> str:
     `sums`: of the capture's files, as of `file_sums`.
     """
     digest = hashlib.sha256()
-    for name in sorted(name for name in sums if name.endswith(".npy")):
+    read = (name for name in sums if name.endswith(".npy") and ("@" not in name or name.endswith(f"@{condition}.npy")))
+    for name in sorted(read):
         digest.update(name.encode() + bytes.fromhex(sums[name]))
     digest.update(b"meta" + bytes.fromhex(sums[f"meta-{condition}.json"]))
     return digest.hexdigest()

@@ -49,7 +49,7 @@ def block(folder: Path, condition: str, alter: Alter | None = None) -> int:
     arrays: list[tuple[int, npt.NDArray[Any]]] = []
     end = 0
     for name, entry in meta["variables"].items():
-        array = np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
+        array = np.load(folder / entry.pop("file", f"{name}.npy"), mmap_mode="r", allow_pickle=False)
         if alter is not None:
             array = alter(name, entry["dims"], array)
         entry |= {"dtype": array.dtype.str, "shape": array.shape, "offset": end}

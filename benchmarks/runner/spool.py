@@ -105,7 +105,7 @@ class Spool:
         hidden = hide_truth(capture)
         write_capture(folder, hidden)
         for name, change in conditions.items():
-            write_meta(folder, change(hidden), name)
+            write_meta(folder, change(hidden), name, hidden)
         np.savez(self.closed / f"{index:06d}.npz", **_flat(truth, bound))  # type: ignore[arg-type]
         size = sum(path.stat().st_size for path in folder.iterdir())
         sizes = sizes_of(hidden)

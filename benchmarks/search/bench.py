@@ -67,7 +67,7 @@ class Bench:
         chosen: the estimators. limits: limits of their child processes.
     Other arguments:
         rtol: argument of the generator; the rung is the cell's. failure_at: see `score_rows`.
-        condition: function (cell, capture) -> declared rig that replaces the one of the capture for the estimators.
+        condition: its name in tables. declare: (cell, capture without truth) -> the capture as it is given under the condition.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Bench:
         rtol: float = 1e-3,
         failure_at: float | None = None,
         condition: str = "matched",
-        declare: Callable[[Cell, str], str] | None = None,
+        declare: Callable[[Cell, xr.Dataset], xr.Dataset] | None = None,
     ) -> None:
         self.chosen = {one.label: one for one in chosen}
         self.limits, self.suite, self.failure_at, self.condition = limits, suite, failure_at, condition
@@ -159,7 +159,7 @@ class Bench:
         self.captures_made += 1
         hidden = hide_truth(capture)
         if self._declare is not None:
-            hidden = hidden.assign_attrs(rig=self._declare(cell, str(capture.attrs["rig"])))
+            hidden = self._declare(cell, hidden)
         return capture, hidden
 
     def _entry(self, cell: Cell) -> Entry:
@@ -171,8 +171,7 @@ class Bench:
                 self._spool.drop(self._kept.pop(next(iter(self._kept))))
             self._count += 1
             capture, hidden = self._generate(cell)
-            rig = hidden.attrs["rig"]
-            conditions = {self.condition: lambda seen: seen.assign_attrs(rig=rig)}
+            conditions = {self.condition: lambda seen: hidden}
             self._kept[key] = self._spool.add(
                 self._count, cell, capture, conditions, truths_of(capture), bounds_of(capture)
             )

@@ -18,6 +18,7 @@ from ..folders.kinds import SWEEP
 from ..folders.progress import Progress, silent
 from ..folders.record import TABLES_VERSION, machine, now, versions
 from ..folders.workplace import output_folder, workplace
+from ..judges.mismatch import wrongly_declared
 from ..report.breakdown import curve_name, save_maps
 from ..runner.estimator_labels import Chosen, check_estimators
 from ..runner.jail import jailed
@@ -157,14 +158,18 @@ def _sweep_in(folder: Path, sweep: _Sweep, settings: dict[str, Any], report: boo
 
 
 def _declare(loaded: Loaded, condition: str) -> Any:
-    """The function that replaces the declared rig under a condition; None if it stays unchanged."""
+    """The function that changes a capture under a condition; None if it stays unchanged."""
     if condition == "matched":
         return None
+    if condition == "mismatched":
+        mismatch = loaded.suite.mismatch
+        return lambda cell, hidden: wrongly_declared(cell.scene, mismatch, hidden)
     from ..judges.calibrate import Calibrations
 
     calibration = loaded.suite.calibration
     assert calibration is not None
-    return Calibrations(calibration).declared
+    calibrations = Calibrations(calibration)
+    return lambda cell, hidden: hidden.assign_attrs(rig=calibrations.declared(cell, str(hidden.attrs["rig"])))
 
 
 class _Sweep:

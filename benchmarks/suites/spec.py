@@ -24,7 +24,7 @@ __all__ = [
     "check_split",
 ]
 
-Condition = Literal["matched", "calibrated"]
+Condition = Literal["matched", "calibrated", "mismatched"]
 Split = Literal["dev", "test"]
 Rung = Literal["direct", "scatter", "full", "geometric", "isolated", "coherent", "auto"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -43,9 +43,9 @@ def check_split(split: str) -> None:
 class SceneEntry(Spec):
     """A scene of the suite: a name in the library or a path, and its own overrides ({path: value}).
 
-    `name` distinguishes two entries of one scene; it defaults to the scene's own name. `fidelity`: the rung of this scene, where
-    it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes. `conditions`: which
-    of the suite's it is run under; all by default.
+    `name` distinguishes two entries of one scene; it defaults to the scene's own name. `fidelity`: the rung of this scene,
+    where it is not the suite's. `estimators`: which of the suite's read it; one that no scene lists reads all scenes.
+    `conditions`: which of the suite's it is run under; all by default.
     """
 
     scene: Annotated[str, Field(min_length=1)]
@@ -94,9 +94,9 @@ class Stress(Spec):
 
 
 class Draw(Spec):
-    """What differs from seed to seed, so that no estimator knows the truth from the rig: the level of a stress, uniform from `low`
-    to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that are drawn;
-    all by default.
+    """What differs from seed to seed, so that no estimator knows the truth from the rig: the level of a stress, uniform from
+    `low` to `high`. Each scene and seed has its own, the same in every run. `scenes`: names in the suite of the scenes that
+    are drawn; all by default.
     """
 
     axis: Annotated[str, Field(min_length=1)]
@@ -194,9 +194,11 @@ class Suite(Spec):
             `scores.truth.failure_limit`.
         fidelity, rtol: arguments of the generator; an entry of `scenes` may have a `fidelity` of its own.
         draws: what is drawn anew for every seed, before any stress.
-        new_child: how often an estimator gets a new process: for every condition, or for every capture, which takes a start and a
-            warm-up each time, and leaves no memory of the captures before. Built-in estimators, of which a law holds that none
-            remembers a capture, get one for every condition either way.
+        mismatch: the condition "mismatched": {what: amount} by which the declared rig is wrong, e.g. t0 = 2e-11 [s];
+            `suites.mismatch` lists what may be wrong. What a scene's rig does not have is left as it is.
+        new_child: how often an estimator gets a new process: for every condition, or for every capture, which takes a start
+            and a warm-up each time, and leaves no memory of the captures before. Built-in estimators, of which a law holds
+            that none remembers a capture, get one for every condition either way.
     """
 
     example: ClassVar[str] = f"a complete example: {Path(__file__).parent / 'library' / 'quickstart.toml'}"
@@ -210,6 +212,7 @@ class Suite(Spec):
     seeds: Seeds
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] = ("matched",)
     calibration: Calibration | None = None
+    mismatch: dict[str, float] = Field(default_factory=dict)
     estimators: Annotated[tuple[str, ...], Field(min_length=1)]
     failure_at: Positive | None = None
     fidelity: Rung = "direct"
@@ -222,7 +225,7 @@ class Suite(Spec):
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Options that a suite does not use are left out, so that suites from before have their hash."""
         held: dict[str, Any] = handler(self)
-        unused = {"draws": not self.draws, "new_child": self.new_child == "condition"}
+        unused = {"draws": not self.draws, "new_child": self.new_child == "condition", "mismatch": not self.mismatch}
         return {name: value for name, value in held.items() if not unused.get(name, False)}
 
     @model_validator(mode="after")
@@ -231,6 +234,8 @@ class Suite(Spec):
             raise ValueError("each condition is given once")
         if ("calibrated" in self.conditions) and self.calibration is None:
             raise ValueError('the condition "calibrated" needs the table `calibration`')
+        if ("mismatched" in self.conditions) != bool(self.mismatch):
+            raise ValueError('the condition "mismatched" and the table `mismatch` need each other')
         if len(set(self.estimators)) != len(self.estimators):
             raise ValueError("each estimator is given once")
         return self

@@ -160,6 +160,11 @@ def _wrong_gate(scene: Scene, level: float) -> Overrides:
     return {"declared": kept | changes}
 
 
+def _wrong_pitch(scene: Scene, level: float) -> Overrides:
+    path = path_of(scene, "pitch")
+    return declare(scene, path, held(scene, path) * (1.0 + level))
+
+
 def _attenuation_lengths(scene: Scene, level: float) -> Overrides:
     """Scale a and b together, so that c·z = level at the farthest object; the phase function is unchanged."""
     medium = scene.medium
@@ -252,6 +257,7 @@ AXES: dict[str, Axis] = {
         Axis("wrong-t0", "s", "error of the declared time zero", _wrong_t0, 0.0),
         Axis("wrong-pulse", "1", "relative error of the declared pulse width", _wrong_pulse, 0.0),
         Axis("wrong-gate", "1", "relative error of the declared gate width", _wrong_gate, 0.0),
+        Axis("wrong-pitch", "1", "relative error of the declared distance of the lenslets", _wrong_pitch, 0.0),
         Axis("attenuation-lengths", "1", "c·z at the farthest object, a and b scaled together", _attenuation_lengths),
         Axis("turbidity", "NTU", "scattering of 1/m per NTU (Kirk), absorption unchanged", _turbidity),
         Axis("specular", "1", "fraction of the albedo in a specular lobe", _specular),

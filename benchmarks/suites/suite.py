@@ -18,6 +18,7 @@ from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
 from ...scenes.validate import validate_spec
+from .mismatch import check_mismatch, mismatched
 from .parts import without_parts
 from .sealed import Key
 from .spec import Calibration, Condition, Draw, Limits, Rung, SceneEntry, Seeds, Split, Stress, Suite
@@ -180,7 +181,10 @@ def _check_scenes(loaded: Loaded, where: str) -> None:
                     f"One of the {key} names a scene that the suite does not have.",
                     where=f"{where}: {key}", value=sorted(unknown), allowed=", ".join(names),
                 )  # fmt: skip
+    check_mismatch(loaded.suite.mismatch, where)
     for name, scene in loaded.scenes:
+        if "mismatched" in loaded.conditions(name):
+            mismatched(scene, loaded.suite.mismatch)
         for draw in loaded.draws(name):
             stressed(scene, [(draw.axis, draw.high)])
         for stress in loaded.stresses(name):

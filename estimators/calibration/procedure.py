@@ -17,6 +17,7 @@ __all__ = ["PROCEDURES", "Calibrated", "Figure", "Procedure", "procedure_of"]
 #: Name -> "module:object". A new procedure is one file of this folder with its record, and its line here.
 PROCEDURES: dict[str, str] = {
     "emva1288": "beambench.estimators.calibration.emva1288:EMVA1288",
+    "delay-scan": "beambench.estimators.calibration.gated_delay_scan:DELAY_SCAN",
 }
 
 

@@ -140,7 +140,7 @@ class DelayGenerator:
     def _identity(self, query: bool, rest: list[str]) -> str | None:
         return "Stanford Research Systems,DG645,s/n001234,ver1.10.000E"
 
-    def _trigger(self, query: bool, rest: list[str]) -> None:
+    def _trigger(self, query: bool, rest: list[str]) -> str | None:
         if self._numbers["TSRC"] != 5:
             return self._fail(_ILLEGAL_MODE)
         self._fire(self)

@@ -34,6 +34,7 @@ ROLES: dict[str, str] = {
     "jitter": "rms timing jitter of a whole slice or record, s",
     "light": "emitted energy of a pulse, J, or mean power, W",
     "motion": "velocity of the platform along (x, y, z), m/s",
+    "pitch": "distance of neighbouring lenslets, m",
     "phosphor": "spread of an intensifier's phosphor, 1 σ, pixels",
     "pulse": "spec of the emitted pulse",
     "pulse-width": "full width of the emitted pulse at half its height, s",

@@ -232,6 +232,7 @@ KIND = RigKind(
         "gain": "rig.detector.gain_dn_per_e",
         "jitter": "rig.laser.jitter_frame_s",
         "light": "rig.laser.pulse_energy_j",
+        "pitch": "rig.lenslets.pitch_m",
         "phosphor": "rig.detector.intensifier.phosphor_sigma_px",
         "pulse": "rig.laser.pulse",
         "pulse-width": "rig.laser.pulse.fwhm_s",

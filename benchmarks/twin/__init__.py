@@ -1,0 +1,1 @@
+"""The twin certificate: whether a simulated sensor agrees with a real one, clause by clause."""

@@ -1,0 +1,29 @@
+"""The certificate of a recording: its clauses, and the verdict of the whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .clause import Evidence, Judged
+
+__all__ = ["Certificate"]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate: its clauses, and what they rest on. `verdict`: "fail" where a clause fails, "cannot tell" where none was
+    decided, else "pass"."""
+
+    clauses: tuple[Judged, ...]
+    evidence: Evidence
+    modality: str
+
+    @property
+    def verdict(self) -> str:
+        """Of the whole."""
+        held = {one.verdict for one in self.clauses}
+        return "fail" if "fail" in held else "pass" if "pass" in held else "cannot tell"
+
+    def count(self, verdict: str) -> int:
+        """Number of clauses with a verdict."""
+        return sum(one.verdict == verdict for one in self.clauses)
