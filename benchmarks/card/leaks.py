@@ -154,7 +154,7 @@ def _near(scenes: list[tuple[int, str, dict[str, float], str]], found: Leaks) ->
         tree = cKDTree(values[train])
         order = np.array([one[0] for one in members])
         if train.sum() > 1:
-            own += tree.query(values[train], k=2, p=np.inf)[0][:, 1].tolist()
+            own += np.asarray(tree.query(values[train], k=2, p=np.inf)[0])[:, 1].tolist()
         for index in np.flatnonzero(~train):
             distance, nearest = tree.query(values[index], p=np.inf)
             part = members[int(index)][1]
