@@ -206,12 +206,27 @@ def test_refusing_hard_elements_wins_no_ranking(hard_sigma: float) -> None:
 
 def test_a_table_with_holes_or_doubles_is_refused() -> None:
     rows = _table(0.2)
+    twice = [{**row, "seed": seed} for seed in (1, 2) for row in rows]
     with pytest.raises(InputError, match="lacks a cell"):
-        score_matrix(rows[1:], **GROUP)
+        score_matrix(twice[1:], **GROUP)
     with pytest.raises(InputError, match="twice"):
         score_matrix([*rows, rows[0]], **GROUP)
     with pytest.raises(InputError, match="no row to rank by"):
         score_matrix(rows, **GROUP, condition="calibrated")
+
+
+def test_who_reads_a_part_of_the_scenes_only_is_not_ranked() -> None:
+    """A suite may give an estimator some of its scenes: the others are ranked without it, and a group that nobody reads whole is not."""
+    rows = _table(0.2)
+    first, scenes = rows[0]["estimator"], sorted({row["scene"] for row in rows})
+    partial = [row for row in rows if not (row["estimator"] == first and row["scene"] == scenes[0])]
+    assert first not in score_matrix(partial, **GROUP).names
+    assert len(score_matrix(partial, **GROUP).names) == len(score_matrix(rows, **GROUP).names) - 1
+    assert first not in {row["estimator"] for row in inference_tables(partial)["ranking.csv"][1]}
+    others = sorted({row["estimator"] for row in rows} - {first})
+    each = {name: scenes[i % 2 :: 2] for i, name in enumerate([first, *others])}
+    apart = [row for row in rows if row["scene"] in each[row["estimator"]]]
+    assert inference_tables(apart)["ranking.csv"][1] == []
 
 
 def test_seeds_are_pooled_as_squares_within_their_scene() -> None:

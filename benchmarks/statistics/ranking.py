@@ -8,7 +8,7 @@ intervals, from Holm-corrected paired differences.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ from .profiles import Profile, performance_profiles
 from .rates import clustered_interval
 from .tile_ranks import compare_by_tiles
 
-__all__ = ["Comparison", "Ranked", "ScoreMatrix", "compare_estimators", "score_matrix"]
+__all__ = ["Comparison", "Ranked", "ScoreMatrix", "compare_estimators", "partial_readers", "score_matrix"]
 
 Float = npt.NDArray[np.float64]
 
@@ -76,6 +76,12 @@ def _label(row: dict[str, Any]) -> str:
     return label_of(str(row["estimator"]), str(row["params"]))
 
 
+def partial_readers(scenes: Mapping[str, set[str]]) -> set[str]:
+    """The names whose scenes are a part only of all that are read, from {name: scenes}."""
+    every = set().union(*scenes.values()) if scenes else set()
+    return {name for name, own in scenes.items() if own != every}
+
+
 def score_matrix(
     rows: Iterable[dict[str, Any]],
     *,
@@ -112,8 +118,9 @@ def score_matrix(
         if key in mine:
             raise InputError("An estimator has the same cell twice.", where=_label(row), value=str(key))
         mine[key] = row
-    # An estimator that applies to a part of the scenes only cannot be compared on the others: it is not ranked.
-    for name in skipped:
+    # An estimator that applies to a part of the scenes only, or to which the suite gives no more, cannot be compared on the others: it
+    # is not ranked.
+    for name in skipped | partial_readers({name: {str(key[0]) for key in mine} for name, mine in cells.items()}):
         cells.pop(name, None)
     if not cells:
         raise InputError("There is no row to rank by.", where="scores", value=", ".join(wanted_row.values()))

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...captures.layouts import is_main_quantity
 from ...estimators.labels import label_of
 from ..statistics.skips import not_applicable
-from .ranking import ScoreMatrix, compare_estimators, score_matrix
+from .ranking import ScoreMatrix, compare_estimators, partial_readers, score_matrix
 from .suspects import suspects_of
 
 __all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "Tiles", "inference_tables"]
@@ -60,7 +60,7 @@ def inference_tables(
         plain = [row for row in mine if _as_written(row) or not_applicable(str(row.get("status", "ok")))]
         suspect = suspects_of(row for row in plain if _as_written(row))
         plain = [row for row in plain if label_of(str(row["estimator"]), str(row["params"])) not in suspect]
-        if not any(_as_written(row) for row in plain):
+        if not any(_as_written(row) for row in plain) or not _read_by_one(plain):
             continue
         matrix = score_matrix(
             plain, modality=group["modality"], stage=group["stage"], quantity=group["quantity"],
@@ -90,6 +90,15 @@ def inference_tables(
         "pairs.csv": (PAIR_COLUMNS, pairs),
         "profiles.csv": (PROFILE_COLUMNS, profiles),
     }
+
+
+def _read_by_one(rows: list[dict[str, Any]]) -> bool:
+    """Whether some estimator reads all scenes of a group: otherwise nobody can be ranked."""
+    scenes: dict[str, set[str]] = {}
+    for row in rows:
+        if _as_written(row) and int(row["n"]) > 0:
+            scenes.setdefault(label_of(str(row["estimator"]), str(row["params"])), set()).add(str(row["scene"]))
+    return len(partial_readers(scenes)) < len(scenes)
 
 
 def _as_written(row: dict[str, Any]) -> bool:
