@@ -107,9 +107,10 @@ def test_power_in_short() -> None:
 
 
 SETTINGS = {
-    "rig.camera.rows": 12, "rig.camera.cols": 12, "rig.camera.pixel_pitch_m": 70e-6, "rig.laser.pulse_energy_j": 1e-7,
+    "rig.camera.rows": 12, "rig.camera.cols": 12, "rig.camera.pixel_pitch_m": 70e-6, "rig.laser.pulse_energy_j": 6e-7,
     "rig.delays.start_s": 30.4e-9, "rig.delays.step_s": 0.25e-9, "rig.delays.count": 18, "rig.delays.repeats": 16,
-    "rig.delays.laser_off": 16,
+    "rig.delays.laser_off": 16, "rig.laser.pulse.fwhm_s": 0.8e-9,
+    "rig.gates": [{"kind": "trapezoidal", "width_s": 1.5e-9, "rise_s": 0.3e-9, "fall_s": 0.4e-9, "transmission": 1.0}],
 }  # fmt: skip
 
 
@@ -128,7 +129,7 @@ def test_calibrate_and_twin_as_typed(recording: Path, tmp_path: Path, capsys: py
     rig, out = tmp_path / "my-rig.toml", tmp_path / "certificate"
     assert cli.main(["calibrate", str(recording), "-o", str(rig)]) == 0
     assert "rig.detector.gain_dn_per_e" in capsys.readouterr().out
-    common = ["twin", str(recording), "--rig", str(rig), "--draws", "10", "--estimator", "peak"]
+    common = ["twin", str(recording), "--rig", str(rig), "--draws", "16", "--estimator", "peak"]
     assert cli.main([*common, "-o", str(out)]) == 0
     rows = {row["clause"]: row for row in csv.DictReader((out / "clauses.csv").open())}
     assert rows["t0"]["verdict"] == "pass"
@@ -146,7 +147,7 @@ def test_a_scene_beside_the_recording(recording: Path, tmp_path: Path) -> None:
     scene = beambench.scenes_show("flat-wall", overrides=SETTINGS)
     place = tmp_path / "wall.json"
     place.write_text(json.dumps(scene if isinstance(scene, dict) else scene.model_dump(mode="json")), encoding="utf-8")
-    found = beambench.twin(recording, scene=place, draws=10, estimator=["peak"], out=tmp_path / "c").found
+    found = beambench.twin(recording, scene=place, draws=16, estimator=["peak"], out=tmp_path / "c").found
     held = {one.clause.name: one for one in found.clauses}
     assert held["t0"].verdict == "pass"
     assert "fail" not in {one.verdict for one in found.clauses}

@@ -26,6 +26,7 @@ import numpy as np
 from ...estimators.calibration.gated_scan import DelayScan, scan_half
 from ...generator.checked import checked
 from ...generator.gated.expected import expect
+from ...optics.constants import C_M_PER_S
 from ...scenes.load import load_scene
 from ...scenes.rigs.gated import gated_rig
 from ..twin.clause import Evidence
@@ -121,7 +122,7 @@ class Bench:
     def __init__(self, *, electrons: float = 45.0, repeats: int = 192, dark: int = 192, before: int = 5) -> None:
         self.repeats, self.dark = repeats, dark
         scene = load_scene("flat-wall", _SETTINGS)
-        echo = 2.0 * 5.0 * 1.357 / 299792458.0
+        echo = 2.0 * 5.0 * 1.357 / C_M_PER_S
         echoes = [float(t) for t in echo - 2.2e-9 + 0.15e-9 * np.arange(24)]
         early = [echoes[0] - 4.5e-9 + 0.4e-9 * k for k in range(before)]
         data = scene.model_dump(mode="json")

@@ -16,7 +16,9 @@ from ...estimators.calibration.gated_delay_scan import ScanValues, delay_scan_va
 from ...estimators.calibration.gated_noise import dark_statistics, noise_statistics
 from ...estimators.calibration.gated_scan import DelayScan, read_scan, scan_half
 from ...estimators.calibration.gated_widths import delays_before, fit_response, surveyed_delay, time_bound_s
+from ...estimators.response import correlate_samples
 from ...estimators.rig import DeclaredRig
+from ...optics.constants import C_M_PER_S
 from ...scenes.declared import declared_rig
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
@@ -128,12 +130,13 @@ def frame_of(twin: GatedTwin, first: DelayScan, range_m: Float | None) -> Frame:
 
 
 def _told_apart(twin: GatedTwin, scan: DelayScan) -> npt.NDArray[np.bool_]:
-    """Pixels that see two surfaces at least half a response's width apart."""
+    """Pixels that see two surfaces: mixed, and by more than the standard deviation of the response (a steep surface is one
+    surface)."""
     first, last = (np.asarray(twin.truth[f"truth_{end}"], np.float64).ravel() for end in ("first", "last"))
     n_g = scan.rig.number("medium.group_index", above=0)
-    least = 0.5 * 299792458.0 / n_g * 0.5 * (scan.delay_s[1] - scan.delay_s[0])
+    width = correlate_samples(scan.rig.samples("pulse"), scan.rig.samples("gates.0")).variance_s2
     mixed = np.asarray(twin.truth["truth_mixed"], bool).ravel()
-    return np.asarray(mixed & (last - first > least))
+    return np.asarray(mixed & (last - first > 0.5 * C_M_PER_S / n_g * math.sqrt(width)))
 
 
 def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
@@ -177,12 +180,12 @@ def _bounds(judged: DelayScan, frame: Frame, fit: Any, answers: Ranges) -> dict[
     pixels, dark = judged.counts.shape[2], len(judged.dark)
     noise, off = noise_statistics(judged), dark_statistics(judged)
     n_g = judged.rig.number("medium.group_index", above=0)
-    half = 0.5 * 299792458.0 / n_g
+    half = 0.5 * C_M_PER_S / n_g
     times = time_bound_s(judged, fit)
     good = np.isfinite(times) & (fit.amplitude > 5 * fit.amplitude_sigma)
     bound = float(np.sqrt((times[good] ** 2).mean())) * half if good.any() else math.nan
     return {
-        "gain": noise["slope"].sigma, "excess": noise["excess"].sigma, "fluctuation": noise["fluctuation"].sigma,
+        "gain": noise["slope"].sigma, "excess": noise["skewness"].sigma, "fluctuation": noise["fluctuation"].sigma,
         "offset": off["noise"].value / math.sqrt(pixels * dark),
         "read-noise": off["noise"].value / math.sqrt(2.0 * pixels * (dark - 1)),
         "dsnu": off["pattern"].sigma, "pulse": fit.pulse.sigma, "gate": fit.gate.sigma, "response": fit.response.sigma,

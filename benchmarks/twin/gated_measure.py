@@ -58,7 +58,7 @@ def signal_statistics(scan: DelayScan, frame: Frame) -> tuple[dict[str, float], 
     noise, dark = noise_statistics(scan), dark_statistics(scan)
     fit = fit_response(scan, known_s=frame.known_s)
     found = {
-        "gain": noise["slope"].value, "excess": noise["excess"].value, "fluctuation": noise["fluctuation"].value,
+        "gain": noise["slope"].value, "excess": noise["skewness"].value, "fluctuation": noise["fluctuation"].value,
         "offset": dark["level"].value, "read-noise": dark["noise"].value, "dsnu": dark["pattern"].value,
         "pulse": fit.pulse.value, "gate": fit.gate.value, "response": fit.response.value, "t0": fit.shift_s.value,
     }  # fmt: skip

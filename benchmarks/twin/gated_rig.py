@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...optics.constants import C_M_PER_S
 from ...scenes.errors import InputError
 from ...scenes.load import load_scene
 from ...scenes.overrides import apply_overrides
@@ -89,7 +90,7 @@ def _scene_of(rig: Mapping[str, Any], capture: xr.Dataset) -> dict[str, Any]:
     for name in ("principal_row_px", "principal_col_px"):
         camera.pop(name, None)
     group = float(medium["group_index"])
-    distance = 0.5 * 299792458.0 / group * float(np.median(capture["delay"].values))
+    distance = 0.5 * C_M_PER_S / group * float(np.median(capture["delay"].values))
     size = 40.0 * distance
     shape = {
         "kind": "rectangle",

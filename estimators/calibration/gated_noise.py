@@ -105,7 +105,8 @@ def jackknifed(statistic: Callable[[Float], Mapping[str, float]], pixels: int) -
 
 
 def noise_statistics(scan: DelayScan) -> dict[str, Found]:
-    """`slope` = K G F² [DN], `excess` = F² [1] by the third cumulant, `fluctuation` [1], the relative rms of the frames'
+    """`slope` = K G F² [DN], `skewness` = κ₃κ₁/κ₂² = 2 − 1/F² [1], `excess` = F² [1] from it, `fluctuation` [1], the
+    relative rms of the frames'
     light beyond photon noise. With standard errors; saturated delays, in which a pixel reaches the converter's top, are left
     out.
 
@@ -121,6 +122,11 @@ def noise_statistics(scan: DelayScan) -> dict[str, Found]:
         return _slopes(moments, weight, clear)
 
     found = jackknifed(statistic, scan.counts.shape[2])
+    ratio = found["skewness"]
+    # 2 − 1/F² tends to 2: beyond 1.9, F² = 10, noise decides. The error follows from that of the ratio, which is
+    # even to both sides.
+    excess = 1.0 / (2.0 - min(ratio.value, 1.9))
+    found["excess"] = Found(excess, ratio.sigma * excess**2)
     return found | {"fluctuation": _fluctuation(scan, moments, relative, found["slope"].value)}
 
 
@@ -138,8 +144,7 @@ def _slopes(m: _Moments, weight: Float, clear: npt.NDArray[np.bool_]) -> dict[st
     w3 = w2
     third = float((w3 * (over(m.third) - _off_third(m, weight))).sum() / max(float((w3 * light).sum()), 1e-300))
     ratio = third / slope**2 if slope > 0 else math.nan
-    # 2 − 1/F² tends to 2: beyond 1.9, F² = 10, noise decides.
-    return {"slope": slope, "excess": 1.0 / (2.0 - min(ratio, 1.9))}
+    return {"slope": slope, "skewness": ratio}
 
 
 def _off_third(m: _Moments, weight: Float) -> float:
