@@ -65,7 +65,7 @@ def checked(
         )  # fmt: skip
     if truth_instances and not model.instances:
         raise InputError(
-            "Captures of this modality do not tell which piece of the target they see.",
+            "Captures of this modality do not record which piece of the target they see.",
             where=f"{scene.name}: {name('truth_instances')}", value=model.name,
             next_step=f"leave out {name('truth_instances')}",
         )  # fmt: skip

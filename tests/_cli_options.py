@@ -281,7 +281,7 @@ suites list: --debug <flag> default False
 suites list: --json <flag> default False
 suites new: --debug <flag> default False
 suites new: --json <flag> default False
-suites new: --like <text> default 'gated'
+suites new: --like <text> default 'quickstart'
 suites new: --out -o <text> default None
 suites new: --overwrite <flag> default False
 suites new: NAME <text> required

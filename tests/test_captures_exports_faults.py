@@ -196,7 +196,7 @@ def test_what_is_refused_before_any_work(small: Path, tmp_path: Path, capsys: py
         ([str(small), "--to", "webdataset", "--variables", "nothing"], "truth_electrons, truth_range"),
         ([str(small), "--to", "webdataset", "--part", "nothing"], "test, train, validation"),
         ([str(store), "--to", "webdataset", "--part", "train"], "Only a data set has parts"),
-        ([str(small), "--to", "webdataset", "--no-truth", "--variables", "truth_range"], "tells the truth"),
+        ([str(small), "--to", "webdataset", "--no-truth", "--variables", "truth_range"], "is of the truth"),
         ([str(small), "--to", "exr", "--per-file", "3"], "holds one capture"),
         ([str(small), "--to", "webdataset", "--per-file", "0"], "at least one capture"),
         ([str(small), "--part", "train"], "holds all captures"),

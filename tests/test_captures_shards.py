@@ -1,10 +1,9 @@
-"""Stores of many captures: valid Zarr, whole shards only, every flipped bit found, and each file written again from the others."""
+"""Stores of many captures: valid Zarr, whole shards only, and nothing of others is touched."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,44 +15,13 @@ from beambench.captures import finalize, open_captures, repair, verify
 from beambench.captures.contents import contents
 from beambench.captures.example import example_capture
 from beambench.captures.layouts import LAYOUTS
-from beambench.captures.store.journal import JOURNAL, mark_journal
 from beambench.captures.store.ownership import remove_store
 from beambench.captures.store.shard_chunks import decode_block, encode_block, index_of, inner_shape
-from beambench.captures.store.shard_finish import write_request
 from beambench.captures.store.shard_receipts import content_of, read_receipt
 from beambench.captures.store.shard_writer import ShardWriter
 from beambench.scenes.errors import InputError
 
-LENGTH = 3
-#: The modality of most tests: that with the fewest arrays.
-MODALITY = "amcw"
-
-
-def captures_of(modality: str, count: int) -> list[xr.Dataset]:
-    return [example_capture(modality, seed=number).assign_attrs(seed=number) for number in range(count)]
-
-
-def begun(partial: Path, count: int) -> None:
-    partial.mkdir()
-    with open(partial / JOURNAL, "xb") as file:
-        mark_journal(file)
-    write_request(partial, {"name": "x", "count": count, "identity": "i", "numbers": ["a"], "texts": ["b"]})
-
-
-def filled(
-    partial: Path, group: str, captures: Sequence[xr.Dataset], first: int = 0, leave_out: Sequence[int] = ()
-) -> None:
-    for shard, begin in enumerate(range(0, len(captures), LENGTH)):
-        if shard in leave_out:
-            continue
-        own = captures[begin : begin + LENGTH]
-        rows = range(first + begin, first + begin + len(own))
-        with ShardWriter(partial, group, shard, rows, LENGTH, last=begin + LENGTH >= len(captures)) as writer:
-            for number, capture in enumerate(own):
-                writer.append(
-                    capture, {"part": "train", "values": {"a": number / 2, "b": "x"}, "base": "w", "draw": number}
-                )
-            writer.close()
+from ._shards import LENGTH, MODALITY, begun, captures_of, filled
 
 
 @pytest.fixture
@@ -149,78 +117,6 @@ def test_misaligned_writes_are_refused(tmp_path: Path) -> None:
             writer.append(example_capture("gated"), {})
     with pytest.raises(InputError, match="no complete shard"):
         finalize(tmp_path / "s")
-
-
-def test_a_flip_of_any_file_is_found_and_mended(store: Path, tmp_path: Path) -> None:
-    """Two bits of every file of the store: `verify` names it; `repair` loses one capture for a chunk, and none for the rest."""
-    before = [capture.load() for capture in open_captures(store)]
-    content = open_captures(store).sha256
-    rng = np.random.default_rng(1)
-    work = tmp_path / "work"
-    files = sorted(path for path in store.rglob("*") if path.is_file())
-    assert len(files) > 20
-    for path in files:
-        for bit in rng.integers(0, 8 * path.stat().st_size, 2):
-            shutil.copytree(store, work)
-            place = path.relative_to(store)
-            whole = bytearray((work / place).read_bytes())
-            whole[bit // 8] ^= 1 << bit % 8
-            (work / place).write_bytes(whole)
-            assert str(place) in {damage.file for damage in verify(work)}, place
-            done = repair(work)
-            assert verify(work) == []
-            assert len(done.dropped) <= (place.name.startswith("c.")), place
-            after = open_captures(work)
-            kept = [one for number, one in enumerate(before) if number not in done.dropped]
-            assert len(after) == len(kept)
-            assert all(one.identical(other) for one, other in zip(after, kept, strict=True))
-            assert done.dropped or after.sha256 == content, place
-            shutil.rmtree(work)
-
-
-@pytest.mark.parametrize("keep", [0, 1, 100])
-def test_a_truncated_file_is_found_and_mended(store: Path, tmp_path: Path, keep: int) -> None:
-    before = [capture.load() for capture in open_captures(store)]
-    work = tmp_path / "work"
-    for path in sorted(path for path in store.rglob("*") if path.is_file()):
-        shutil.copytree(store, work)
-        place = path.relative_to(store)
-        if path.stat().st_size <= keep:
-            shutil.rmtree(work)
-            continue
-        (work / place).write_bytes(path.read_bytes()[:keep])
-        assert str(place) in {damage.file for damage in verify(work)}, place
-        done = repair(work, make=lambda attrs, where: before[int(attrs["seed"])])
-        assert verify(work) == []
-        assert done.dropped == ()
-        assert all(one.identical(other) for one, other in zip(open_captures(work), before, strict=True))
-        shutil.rmtree(work)
-
-
-def test_a_missing_file_is_found_on_opening(store: Path) -> None:
-    next((store / MODALITY / "samples").glob("c.1*")).unlink()
-    with pytest.raises(InputError, match=r"missing|damaged"):
-        open_captures(store)
-
-
-def test_a_dropped_capture_leaves_its_place_empty(store: Path) -> None:
-    """Its neighbours keep their places, and zarr reads the fill value in its own."""
-    import pandas as pd
-    import zarr
-
-    path = store / MODALITY / "samples" / "c.1.0.0.0"
-    content = bytearray(path.read_bytes())
-    content[30] ^= 1
-    path.write_bytes(content)
-    assert repair(store).dropped == (3,)
-    group: Any = zarr.open_group(str(store / MODALITY), mode="r")
-    index = pd.read_parquet(store / "index.parquet")
-    captures = open_captures(store)
-    assert index["capture"].tolist() == [0, 1, 2, 4, 5, 6]
-    for number, position in enumerate(index["position"]):
-        np.testing.assert_array_equal(group["samples"][position], captures[number]["samples"].values)
-    assert np.isnan(group["samples"][3]).all()
-    assert np.isnan(group["truth_range"][3]).all()
 
 
 def test_a_shard_that_is_not_there_is_left_out(tmp_path: Path) -> None:
@@ -336,63 +232,6 @@ def test_shards_are_not_taken_for_an_empty_store(tmp_path: Path) -> None:
     write(tmp_path / "s", captures_of(MODALITY, 2), overwrite=True)
     assert len(open_captures(tmp_path / "s")) == 2
     assert not (tmp_path / "s" / "receipts").exists()
-
-
-def flip(path: Path, at: int = 30) -> None:
-    content = bytearray(path.read_bytes())
-    content[at] ^= 1
-    path.write_bytes(content)
-
-
-def files_of(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
-
-
-@pytest.mark.parametrize("whole_shard", [False, True])
-def test_what_a_plain_repair_drops_is_made_again_later(store: Path, whole_shard: bool) -> None:
-    """Its record stays: a later repair that makes captures again gives the very files that were there."""
-    before, whole = [capture.load() for capture in open_captures(store)], files_of(store)
-    path = store / MODALITY / "samples" / "c.1.0.0.0"
-    path.unlink() if whole_shard else flip(path)
-    gone = (3, 4, 5) if whole_shard else (3,)
-    assert repair(store).dropped == gone
-    assert verify(store) == []
-    told = contents(store)
-    assert (told["state"], told["missing"], tuple(told["dropped"])) == ("incomplete", len(gone), gone)
-    assert len(open_captures(store)) == 7 - len(gone)
-    flip(store / "receipts" / f"{MODALITY}.000001.z")  # the record has a copy, as others have
-    assert verify(store)
-    assert repair(store).dropped == ()
-    done = repair(store, make=lambda attrs, where: before[int(attrs["seed"])])
-    assert done.remade == gone
-    assert files_of(store) == whole
-    assert contents(store)["state"] == "complete"
-
-
-def test_a_capture_that_is_made_otherwise_stays_lost(store: Path) -> None:
-    flip(store / MODALITY / "samples" / "c.1.0.0.0")
-    repair(store)
-    other = example_capture(MODALITY, seed=99)
-    done = repair(store, make=lambda attrs, where: other)
-    assert done.remade == ()
-    assert "capture 3" in done.not_remade[0]
-    assert contents(store)["dropped"] == [3]
-
-
-def test_status_tells_what_is_lost(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from beambench import cli
-
-    assert cli.main(["data", "status", str(store)]) == 0
-    assert "complete, 7 of 7" in capsys.readouterr().out
-    (store / MODALITY / "samples" / "c.2.0.0.0").write_bytes(b"")
-    assert cli.main(["data", "status", str(store)]) == 1
-    assert "damaged, 6 of 7" in capsys.readouterr().out
-    shutil.rmtree(store / "receipts")
-    assert cli.main(["data", "status", str(store)]) == 1
-    told = capsys.readouterr().out
-    assert "damaged, 0 of 7" in told
-    assert f"{MODALITY}.000001.z" in told
-    assert "--resume" in told
 
 
 def test_two_writers_of_one_shard_do_not_mix(tmp_path: Path) -> None:

@@ -55,14 +55,18 @@ def test_workers_that_die_change_nothing(tmp_path: Path) -> None:
     assert tree(tmp_path / "many") == tree(tmp_path / "one")
 
 
+#: Where no scheduler listens.
+NOBODY = "tcp://localhost:9"
+
+
 def test_no_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beambench.benchmarks.datasets.cluster._SCHEDULER_S", 1.0)
-    for address in ("tcp://127.0.0.1:9", "nowhere"):
+    for address in (NOBODY, "nowhere"):
         with pytest.raises(InputError, match="No Dask scheduler"):
             cluster(tmp_path, address).__enter__()
 
 
-def cluster(root: Path, address: str = "tcp://127.0.0.1:9") -> Cluster:
+def cluster(root: Path, address: str = NOBODY) -> Cluster:
     return Cluster({"root": str(root), "structures": {}}, address, limit_s=None, expected_s=0.0)
 
 

@@ -158,7 +158,7 @@ def test_parts_are_refused_where_they_would_harm(store: Path, tmp_path: Path) ->
         ["--job", "0/3"],  # not begun
         ["--array", "3"],
         ["--slurm", str(tmp_path / "s.sh"), "--job", "0/3"],
-        ["--dask", "tcp://127.0.0.1:1", "--workers", "1"],
+        ["--dask", "tcp://localhost:1", "--workers", "1"],
         ["--time-limit-s", "0"],
     ):
         assert cli.main([*words, *more]) == 2

@@ -98,7 +98,7 @@ def test_what_it_refuses_is_said_with_its_error() -> None:
         with pytest.raises(InputError, match="no such channel"):
             Dg645("127.0.0.1", **wrong)
     with pytest.raises(DeviceLost):
-        Dg645("127.0.0.1:1").open()
+        Dg645("localhost:1").open()
     with generator() as (emulated, _), pytest.raises(InputError, match="Another instrument"):
         Dg645(place(emulated.address), serial="999").open()
 

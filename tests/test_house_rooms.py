@@ -27,8 +27,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     "scenes": (
         "readers", "rigs", "materials", "procedural", "shapes", "spec_files", "rig_files", "meshes", "textures", "scene",
         "declared", "possible",
-        "load",
-        "datasets",
+        "load", "grown", "datasets",
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",

@@ -24,20 +24,13 @@ class Design:
 
 
 def design(
-    scene: str | Path | Mapping[str, Any] | Scene,
-    *,
-    overrides: Mapping[str, Any] | None = None,
-    budget: float = 1.0,
-    margin_m: float | None = None,
+    scene: str | Path | Mapping[str, Any] | Scene, *,
+    overrides: Mapping[str, Any] | None = None, budget: float = 1.0, margin_m: float | None = None,
     allow: Sequence[str] | None = None,
     fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent"] | None = None,
-    estimator_model: Literal["direct", "exact"] | None = None,
-    seed: int = 1,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-    command: Sequence[str] = (),
-) -> Design:
+    estimator_model: Literal["direct", "exact"] | None = None, seed: int = 1, out: str | Path | None = None,
+    overwrite: bool = False, progress: Progress | None = None, command: Sequence[str] = (),
+) -> Design:  # fmt: skip
     """Choose the settings of a scene's rig whose error, by the bound and by bias, is least for its light.
 
     A stack of gated images: number and places of the delays and the width of the gate, for equally many pulses in all. A laser
@@ -52,15 +45,13 @@ def design(
         budget: Light in all, as a multiple of the scene's own: pulses of all slices, power of a laser, energy of a pulse.
         margin_m: By how much the target may be nearer or farther than the scene says, m; by default half of the width of the
             response (gated), or a tenth of the distance (laser line).
-        allow: Values to choose from, as NAME=VALUE,VALUE: slices, gate-width [s]; baseline [m], angle [deg]; pitch,
-            focal-length [m].
+        allow: Values to choose from, NAME=VALUE,VALUE: slices, gate-width [s]; baseline [m], angle [deg]; pitch, focal-length [m].
         fidelity: Rung that gives the light of the scene, the cheapest by default: with "scatter" and "full" what water and
             other surfaces add is in the bound.
         estimator_model: What the estimator knows of light that is not direct: "direct", the default for gated images, takes it for
             direct light, as all estimators here do, and its bias counts; "exact" knows it, and reaches the bound.
         seed: Random seed of the captures that give the light, and of the choice of elements.
-        out: Folder of design.csv, run.json, design.png, overrides.json and set.txt; ./beambench-runs/design-<scene>-<time> by
-            default.
+        out: Folder of design.csv, run.json, design.png, overrides.json, set.txt; ./beambench-runs/design-<scene>-<time> by default.
         overwrite: Replace an earlier design in `out`.
         progress: Receives every step.
         command: What was typed, for run.json.
@@ -88,7 +79,6 @@ def design(
         "margin_m": margin_m, "allow": list(allow or ()), "fidelity": fidelity, "seed": seed,
         "estimator_model": found.model,
     }  # fmt: skip
-    source = str(scene) if isinstance(scene, str | Path) else loaded.name
     with workplace(folder, DESIGN, overwrite=overwrite) as work:
-        write_design(found, source, work, record)
+        write_design(found, str(scene) if isinstance(scene, str | Path) else loaded.name, work, record)
     return Design(found, folder)

@@ -68,8 +68,7 @@ def estimate(
     def check(held: Path) -> None:
         check_same_captures(held, captures)
 
-    name = slug(Path(f"estimates-{Path(data).name}").stem)
-    folder = output_folder(out, name, resume=resume, overwrite=overwrite)
+    folder = output_folder(out, slug(Path(f"estimates-{Path(data).name}").stem), resume=resume, overwrite=overwrite)
     with workplace(folder, ESTIMATE, resume=resume, overwrite=overwrite, inputs=[data], check=check) as work:
         estimate_store(captures, [one.label for one in chosen], work, limits, resume, progress or silent)
     return folder

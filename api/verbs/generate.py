@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["generate"]
 
+#: Options of which only a data set has a use: who makes it, and how.
+_FORCE = ("--workers", "--time-limit-s", "--dask", "--slurm", "--array", "--job")
+
 
 def generate(
     source: str | Path | Mapping[str, Any] | Scene | None = None, *,
@@ -64,12 +67,8 @@ def generate(
     Returns `plan`, `paths`, of a data set `outline`, `made`, `script`; with `like` `comparison`, `differing`, `equal`.
     Raises InputError: bad input, an output that exists, or one to resume that holds other captures.
     """
-    from ..scenes.places import local_path
-
-    place, changes = None if out is None else local_path(out), dict(overrides or {})
-    force = {
-        "--workers": workers, "--time-limit-s": time_limit_s, "--dask": dask, "--slurm": slurm, "--array": array, "--job": job,
-    }  # fmt: skip
+    place, changes = _place(out), dict(overrides or {})
+    force = dict(zip(_FORCE, (workers, time_limit_s, dask, slurm, array, job), strict=True))
     given: dict[str, Any] = {
         "a scene or suite": source, "--rig": rig, "--seeds": seeds, "--fidelity": fidelity, "--rtol": rtol, "--sealed": sealed,
         "--resume": resume, "--truth-electrons": truth_electrons, "--truth-components": truth_components,
@@ -77,8 +76,15 @@ def generate(
     }  # fmt: skip
     if like is not None:
         return _repeat(like, given, changes, plan, place, overwrite, progress)
-    changes = _of_rig(rig, source) | changes
-    return _made_of(source, changes, given, _How(plan, force, place, resume, overwrite, progress))
+    return _made_of(
+        source, _of_rig(rig, source) | changes, given, _How(plan, force, place, resume, overwrite, progress)
+    )
+
+
+def _place(out: str | Path | None) -> Path | None:
+    from ..scenes.places import local_path
+
+    return None if out is None else local_path(out)
 
 
 def _of_rig(rig: str | Path | None, source: Any) -> dict[str, Any]:

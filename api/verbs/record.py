@@ -65,10 +65,8 @@ def record(
     from ..captures.recording.plan import load_plan, load_rig
     from ..captures.recording.record import devices_of
     from ..captures.recording.record import finish as finished
-    from ..captures.recording.record import record as recorded
     from ..scenes.errors import InputError
     from ..scenes.places import local_path
-    from .emulated_rig import with_emulator
 
     planned = load_plan(source, overrides)
     loaded = None if rig is None else load_rig(rig)
@@ -86,8 +84,17 @@ def record(
             "Say with which devices.", where="--rig", allowed="emulator, or a rig file (.toml, .json)",
             next_step="add --rig emulator, or --plan to see what would be recorded",
         )  # fmt: skip
-    devices_of(planned, loaded)  # what is wrong with it is said before an emulated rig is started
-    with with_emulator(planned, loaded) as connected:
+    return _recorded(planned, loaded, place, resume, overwrite, progress)
+
+
+def _recorded(
+    planned: Planned, rig: RigFile, place: Path, resume: bool, overwrite: bool, progress: Watch | None
+) -> Recording:
+    from ..captures.recording.record import devices_of, record
+    from .emulated_rig import with_emulator
+
+    devices_of(planned, rig)  # what is wrong with it is said before an emulated rig is started
+    with with_emulator(planned, rig) as connected:
         devices = devices_of(planned, connected)
-        done = recorded(planned, devices, place, resume=resume, overwrite=overwrite, watch=progress)
+        done = record(planned, devices, place, resume=resume, overwrite=overwrite, watch=progress)
     return Recording(planned, connected, done)

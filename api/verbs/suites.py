@@ -68,7 +68,7 @@ def suites_show(suite: str | Path | Mapping[str, Any], *, overrides: Mapping[str
     }  # fmt: skip
 
 
-def suites_new(name: str, *, like: str = "gated", out: str | Path | None = None, overwrite: bool = False) -> Path:
+def suites_new(name: str, *, like: str = "quickstart", out: str | Path | None = None, overwrite: bool = False) -> Path:
     """Write the file of a suite of your own, begun from one that ships, with its comments.
 
     Main arguments:

@@ -158,6 +158,7 @@ def _link(store: Path, partial: Path, draws: Draws) -> None:
 
 
 def check_identity(where: Path, found: object, identity: str) -> None:
+    """Raises InputError where the captures there were made of another data set: `found` is not its `identity`, hexadecimal."""
     if found != identity:
         raise InputError(
             "The existing captures are not of this data set: another file, other scenes, or other meshes.", where=str(where),

@@ -77,10 +77,6 @@ class Place:
         self.done[files[0]] = one
 
 
-def _refuse(what: str, where: Path, **more: Any) -> InputError:
-    return InputError(what, where=str(where), **more)
-
-
 @contextmanager
 def export_place(out: Path, request: Mapping[str, Any], *, resume: bool, overwrite: bool) -> Iterator[Place | None]:
     """The folder into which to write an export; after the block it is `out`. None where a complete one is resumed.
@@ -118,21 +114,21 @@ def export_place(out: Path, request: Mapping[str, Any], *, resume: bool, overwri
 def _check_replaceable(out: Path, resume: bool, overwrite: bool) -> None:
     if not overwrite:
         told = "an export of other captures, or with other options" if resume and exported(out) else ""
-        raise _refuse(
-            f"The output is {told}." if told else "The output exists.", out,
+        raise InputError(
+            f"The output is {told}." if told else "The output exists.", where=str(out),
             next_step="choose another --out, or add --overwrite",
         )  # fmt: skip
     listed = exported(out)
     if not listed:
-        raise _refuse(
-            "Beambench did not write the existing output, so it is not replaced.", out,
+        raise InputError(
+            "Beambench did not write the existing output, so it is not replaced.", where=str(out),
             allowed="an export, or a new name",
         )  # fmt: skip
     known = {*listed["files"], EXPORT, JOURNAL}
     foreign = sorted(name for name in _files(out) if name not in known)
     if foreign:
-        raise _refuse(
-            "The existing export holds files that are not its own, so it is not replaced.", out / foreign[0],
+        raise InputError(
+            "The existing export holds files that are not its own, so it is not replaced.", where=str(out / foreign[0]),
             next_step="move them away, or choose another --out",
         )  # fmt: skip
 
@@ -161,7 +157,9 @@ def exported(folder: Path) -> dict[str, Any]:
 @contextmanager
 def _opened(partial: Path, request: Mapping[str, Any], *, resume: bool, overwrite: bool) -> Iterator[Place]:
     if os.path.lexists(partial) and (partial.is_symlink() or not partial.is_dir()):
-        raise _refuse("Something else has the name of the unfinished output.", partial, next_step="move it away")
+        raise InputError(
+            "Something else has the name of the unfinished output.", where=str(partial), next_step="move it away"
+        )
     partial.mkdir(parents=True, exist_ok=True)
     with _locked(partial):
         done: dict[str, Done] = {}
@@ -178,13 +176,15 @@ def _continued(partial: Path, request: Mapping[str, Any], *, resume: bool, overw
     """The pieces of an unfinished export that are kept; without `resume` they are removed. Raises InputError."""
     header, found = _journal_of(partial)
     if header is None:
-        raise _refuse("Other files are in the place of the unfinished output.", partial, next_step="move them away")
+        raise InputError(
+            "Other files are in the place of the unfinished output.", where=str(partial), next_step="move them away"
+        )
     if resume and header == request:
         return {name: one for name, one in found.items() if _whole(partial, one)}
     if resume or not overwrite:
-        raise _refuse(
+        raise InputError(
             "The unfinished export is of other captures, or with other options." if resume
-            else "An unfinished export is in the way.", partial,
+            else "An unfinished export is in the way.", where=str(partial),
             next_step="--overwrite begins anew" + ("" if resume else ", --resume continues it"),
         )  # fmt: skip
     _remove(partial, [name for one in found.values() for name in one.files], itself=False)
@@ -201,9 +201,9 @@ def _locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise _refuse(
+            raise InputError(
                 "Another process is writing this export.",
-                folder,
+                where=str(folder),
                 next_step="wait until it ends, or choose another --out",
             ) from error
         except OSError as error:  # some network disks have no locks: there two processes must not write one export

@@ -193,7 +193,7 @@ def _chosen(
         if not any(name in names for names in known):
             hidden = any(name in one.variables for one in sets)
             raise InputError(
-                "This variable tells the truth, which is left out." if hidden else "The store has no such variable.",
+                "This variable is of the truth, which is left out." if hidden else "The store has no such variable.",
                 where=str(where), value=name, allowed=", ".join(dict.fromkeys(n for names in known for n in names)),
             )  # fmt: skip
     if variables is None:

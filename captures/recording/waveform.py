@@ -38,9 +38,7 @@ def _slots(scan: WaveformSeries, scene: Scene) -> list[Slot]:
 def _build(scan: WaveformSeries, scene: Scene, taken: Taken, declared: Mapping[str, Any]) -> Built:
     scale = taken.fixed.get("scope", {})
     if not {"start_s", "step_s"} <= set(scale):
-        raise InputError(
-            "The oscilloscope does not tell its time axis.", where="scope", allowed="start_s, step_s read back"
-        )
+        raise InputError("The oscilloscope gives no time axis.", where="scope", allowed="start_s, step_s read back")
     groups = taken.of_group()
     signal = mean_of(taken, groups)
     time_s = scale["start_s"] + scale["step_s"] * np.arange(scan.samples) - scan.zero_s

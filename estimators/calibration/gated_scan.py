@@ -77,7 +77,7 @@ def read_scan(capture: xr.Dataset) -> DelayScan:
     off = [k for k in order if sound[k] and not lit[k]]
     if fewest < LEAST_REPEATS or len(off) < LEAST_DARK:
         raise InputError(
-            "The noise of the rig cannot be told from so few frames.", where="slice",
+            "So few frames do not give the noise of the rig.", where="slice",
             value=f"{fewest} repeats of a delay, {len(off)} frames with the laser off",
             allowed=f"{LEAST_REPEATS} repeats of every delay and {LEAST_DARK} frames with the laser off, or more",
             next_step="record more repeats and laser-off frames",

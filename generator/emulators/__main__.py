@@ -54,7 +54,9 @@ def _bench(given: argparse.Namespace, sight: Sight) -> Bench:
             )  # fmt: skip
         except OSError as error:
             last = error
-    raise InputError("The emulated rig found no free address.", where="--host", value=hosts[-1], allowed=str(last))
+    raise InputError(
+        "There is no free address for the emulated rig.", where="--host", value=hosts[-1], allowed=str(last)
+    )
 
 
 def _some_host() -> str:

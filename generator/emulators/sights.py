@@ -28,8 +28,9 @@ def emulated(scene: Scene, hidden: int, seed: int, table: Path | None = None) ->
 
     Raises InputError for a modality that is not emulated, and for a file that is no table.
     """
-    missing = "There is no emulated rig of this modality."
-    emulation: Emulation = record_of(EMULATIONS, scene.modality, missing, "rig.kind")
+    emulation: Emulation = record_of(
+        EMULATIONS, scene.modality, "There is no emulated rig of this modality.", "rig.kind"
+    )
     if table is not None:
         return emulation.table(table, seed)
     true = emulation.hidden(scene, hidden)

@@ -179,8 +179,7 @@ def render_remainder(
         if epsilon <= rtol or run.samples >= limits.most_samples:
             break
         needed = run.samples * min(max(1.1 * (epsilon / rtol) ** 2, 1.5), 16.0)
-        wanted = int(np.ceil((min(needed, limits.most_samples) - run.samples) / run.lanes_per_pixel))
-        wanted = max(wanted, 1)
+        wanted = max(int(np.ceil((min(needed, limits.most_samples) - run.samples) / run.lanes_per_pixel)), 1)
     light, amplitude, sigma = run.result()
     halves = (run.half / np.float32(run.samples / 2)).reshape(2, *light.shape) + known
     stacks = {name: part.reshape(light.shape) / np.float32(run.samples) for name, part in run.part.items()}
