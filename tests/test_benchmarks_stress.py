@@ -38,7 +38,7 @@ LEVELS = {
     "wrong-t0": 1e-10,
     "wrong-pulse": 0.2,
     "wrong-gate": 0.2,
-    "wrong-pitch": 0.1,
+    "wrong-pitch": 0.005,
     "attenuation-lengths": 2.0,
     "turbidity": 2.0,
     "specular": 0.5,
@@ -61,6 +61,7 @@ NEEDS = {
     "turbidity": ("harbour-wall", {}),
     "wrong-stand-off": ("spotscan-wall", {}),
     "wrong-baseline": ("spotscan-wall", {}),
+    "wrong-pitch": ("gated-turbulence", {}),
     "phosphor": (
         "flat-wall",
         {"rig.detector.intensifier": {"gain": 50.0, "excess_noise_factor": 2.0, "phosphor_sigma_px": 0.0}},

@@ -22,6 +22,7 @@ import xarray as xr
 from ...captures.hide import hide_truth
 from ...estimators.registry import get_estimator, run_estimator
 from ...generator.generate import generate
+from ...scenes.errors import InputError
 from ..folders.files import write_text
 from ..judges.bound import truths_of
 from ..judges.mismatch import wrongly_declared
@@ -71,7 +72,12 @@ def losses(loaded: Loaded) -> Iterator[Loss]:
             for error in errors:
                 for sign in (1, -1):
                     wrong = {error: sign * loaded.suite.mismatch[error]}
-                    readings.append((error, sign, wrongly_declared(cell.scene, wrong, hide_truth(capture))))
+                    try:
+                        readings.append((error, sign, wrongly_declared(cell.scene, wrong, hide_truth(capture))))
+                    except (
+                        InputError
+                    ):  # no rig can be declared so, e.g. an index below 1 in air: this sign has no figures
+                        continue
             for label in labels:
                 score = _scored(label, capture)
                 for error, sign, hidden in readings:
@@ -79,7 +85,10 @@ def losses(loaded: Loaded) -> Iterator[Loss]:
         for label in labels:
             quantity = get_estimator(label.partition("[")[0]).stage.gives[0] if "+" not in label else _given(label)
             for error in errors:
-                right, plus, minus = (np.array(found[label, e, s]) for e, s in (("", 0), (error, 1), (error, -1)))
+                right, plus, minus = (
+                    np.array(found.get((label, e, s), [(math.nan, math.nan)]))
+                    for e, s in (("", 0), (error, 1), (error, -1))
+                )
                 yield _row(name, label, quantity, error, loaded.suite.mismatch[error], right, plus, minus)
 
 
