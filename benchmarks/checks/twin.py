@@ -218,10 +218,10 @@ def summary(outcomes: list[Outcome]) -> list[str]:
         if "pass" in held or "fail" in held:
             text = ", ".join(f"{held.count(word)} {word}" for word in ("pass", "fail", "cannot tell") if word in held)
             lines.append(f"    {clause.name:<16} {text}")
-    for name, (clause, _) in FAULTS.items():
-        held = [one.verdicts[name][clause] for one in outcomes if name in one.verdicts]
+    for name, (named, _) in FAULTS.items():
+        held = [one.verdicts[name][named] for one in outcomes if name in one.verdicts]
         if held:
-            lines.append(_line(f"{name}: {clause} fails", held.count("fail"), len(held)))
+            lines.append(_line(f"{name}: {named} fails", held.count("fail"), len(held)))
     return lines
 
 

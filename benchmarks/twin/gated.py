@@ -169,7 +169,7 @@ def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
         real["ranking"] = ranking.real
         bounds["ranking"] = 1.0
     return Evidence(
-        real, twins, bounds, _why_not(real, frame, ask) | ranking.why_not, curves_of(judged, shown[0], twin, frame, fit),
+        real, twins, bounds, {**_why_not(real, frame, ask), **ranking.why_not}, curves_of(judged, shown[0], twin, frame, fit),
         _about(scan, second, rig, ask, frame, answers), ranking.interval,
     )  # fmt: skip
 
