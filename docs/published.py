@@ -1,7 +1,7 @@
 """The results of docs/published-suites.md and of the README's table: python docs/published.py RUN, of `beambench run full`.
 
-Tables are written between the comments `table:NAME` and `end:NAME`, pictures as docs/pictures/published-<quantity>.png. Nothing is typed by
-hand: what the run's summary.csv and ranking.csv do not hold is not shown.
+Tables are written between the comments `table:NAME` and `end:NAME`, pictures as docs/pictures/published-<quantity>.png. Nothing
+is typed by hand: what the run's summary.csv and ranking.csv do not hold is not shown.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WANTED = 0.05
 
 
 def rows_of(run: Path) -> pd.DataFrame:
-    """The rows of summary.csv without stress, with `name`, `half` (half-width of the error's interval) and `over` (error / bound)."""
+    """The rows of summary.csv without stress, with `name`, `half` (half-width of the interval) and `over` (error / bound)."""
     rows = pd.read_csv(run / "summary.csv", dtype={"level": str, "level2": str, "params": str})
     rows = rows[(rows.stress.fillna("none") == "none") & (rows.n > 0)].copy()
     rows["name"] = [label_of(e, p) for e, p in zip(rows.estimator, rows.params.fillna(""), strict=True)]
@@ -144,7 +144,9 @@ def shown_in_readme(rows: pd.DataFrame, ranks: pd.DataFrame) -> str:
         cells = [_short(own[own["name"] == name], name) for name in names[:3]] + ["–"] * max(0, 3 - len(names))
         cheap = str(cost.idxmin())
         lines.append(
-            f"| {title} | {own.scene.nunique()} | " + " | ".join(cells) + f" | {_short(own[own['name'] == cheap], cheap)} |"
+            f"| {title} | {own.scene.nunique()} | "
+            + " | ".join(cells)
+            + f" | {_short(own[own['name'] == cheap], cheap)} |"
         )
     return "\n".join(lines)
 

@@ -216,7 +216,7 @@ def test_a_table_with_holes_or_doubles_is_refused() -> None:
 
 
 def test_who_reads_a_part_of_the_scenes_only_is_not_ranked() -> None:
-    """A suite may give an estimator some of its scenes: the others are ranked without it, and a group that nobody reads whole is not."""
+    """A suite may give an estimator some of its scenes: the others are ranked without it; nobody is where none reads all."""
     rows = _table(0.2)
     first, scenes = rows[0]["estimator"], sorted({row["scene"] for row in rows})
     partial = [row for row in rows if not (row["estimator"] == first and row["scene"] == scenes[0])]

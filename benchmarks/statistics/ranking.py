@@ -118,8 +118,8 @@ def score_matrix(
         if key in mine:
             raise InputError("An estimator has the same cell twice.", where=_label(row), value=str(key))
         mine[key] = row
-    # An estimator that applies to a part of the scenes only, or to which the suite gives no more, cannot be compared on the others: it
-    # is not ranked.
+    # An estimator that applies to a part of the scenes only, or to which the suite gives no more, cannot be compared on the
+    # others: it is not ranked.
     for name in skipped | partial_readers({name: {str(key[0]) for key in mine} for name, mine in cells.items()}):
         cells.pop(name, None)
     if not cells:

@@ -24,7 +24,18 @@ __all__ = ["without_parts"]
 #: Keys that a joint suite has once.
 _ONCE = ("seeds", "rtol", "limits", "failure_at", "new_child")
 #: Keys that a joint suite with parts has of its own.
-_OWN = ("schema_version", "suite", "version", "title", "conditions", "calibration", "mismatch", "parts", "stresses", *_ONCE)
+_OWN = (
+    "schema_version",
+    "suite",
+    "version",
+    "title",
+    "conditions",
+    "calibration",
+    "mismatch",
+    "parts",
+    "stresses",
+    *_ONCE,
+)
 _MOST = 20
 
 
