@@ -35,9 +35,9 @@ def test_the_page_is_typed(
     for words in typed:
         assert cli.main(words) == 0, capsys.readouterr().err
     said = capsys.readouterr().out
-    assert "No device was touched." in said and "126 of 126 shots" in said and "real.zarr: sound" in said
+    assert "No device was touched." in said and "250 of 250 shots" in said and "real.zarr: sound" in said
     capture = open_captures(tmp_path / "real.zarr")[0].load()
-    assert capture.valid.values.all() and capture.sizes["slice"] == 126
+    assert capture.valid.values.all() and capture.sizes["slice"] == 250
     # It sees a sphere before a wall: light where the gate is on them, none without the laser.
     counts = capture.counts.values.astype(float)
     dark, lit = counts[~capture.laser_on.values].mean(), counts[capture.laser_on.values].max(axis=0).mean()
@@ -48,7 +48,7 @@ def test_the_files_of_the_page_are_valid(project: Path) -> None:
     text = (project / "docs" / "recording.md").read_text(encoding="utf-8")
     plan, rig = (tomllib.loads(block) for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
     planned = load_plan(plan)
-    assert len(planned.slots) == 126
+    assert len(planned.slots) == 250
     assert devices_of(planned, load_rig(rig)).trigger == "delay"
 
 

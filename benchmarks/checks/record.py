@@ -70,7 +70,7 @@ def recordings(rounds: int, loss: float, side: int, estimator: str, seed: int) -
     draw = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory(prefix="beambench-record-") as place:
         base = Path(place)
-        planned = load_plan("gated-demo", {"changes": _changes(side)})
+        planned = load_plan("gated-demo", {"changes": _changes(side), "scan.repeats": 3, "scan.dark": 4})
         (base / "plan.json").write_text(json.dumps(planned.plan.model_dump(mode="json")))
         scene = hidden(planned.scene, seed)
         delays, electrons, ambient = expectation(planned, scene)

@@ -59,7 +59,7 @@ DRIVERS: dict[str, Driver] = {
             "aravis", "camera", "GigE and USB3 Vision cameras", "aravis:AravisCamera", "two emulated servers", ("gi",), _APT,
             _aravis,
         ),
-        Driver("uvc", "camera", "UVC and V4L2 cameras", "uvc:UvcCamera", "files", ("cv2",), "pip install opencv-python-headless"),
+        Driver("uvc", "camera", "UVC and V4L2 cameras", "uvc:UvcCamera", "untried", ("cv2",), "pip install opencv-python-headless"),
         Driver(
             "andor", "camera", "intensified cameras of Andor (SDK 2)", "intensified:AndorCamera", "untried", ("pylablib",),
             "pip install pylablib, and Andor's SDK 2",
@@ -75,8 +75,8 @@ DRIVERS: dict[str, Driver] = {
             "scope-visa", "scope", "the same over USB, GPIB or VXI-11", "scope:Scope", "an emulated one over a VISA socket",
             ("pyvisa", "pyvisa_py"), "pip install 'beambench[drivers]'",
         ),
-        Driver("operator", "any", "what is set by hand: a shutter, a reference mirror", "operator:Operator", "a terminal"),
-        Driver("replay", "camera", "a capture, played back as hardware", "replay:Replay", "captures of every modality"),
+        Driver("operator", "any", "what is set by hand: a shutter, a reference mirror", "operator:Operator", "untried"),
+        Driver("replay", "camera", "a capture, played back as hardware", "replay:Replay", "captures of four modalities"),
     )
 }  # fmt: skip
 
