@@ -175,7 +175,7 @@ def picture(own: pd.DataFrame, title: str, path: Path) -> None:
     colour = alt.Color("name:N", legend=names, scale=alt.Scale(scheme="tableau20"))
     axis = alt.Scale(type="log", nice=False, padding=12)
     base = alt.Chart(points)
-    lines = base.mark_rule(opacity=0.5).encode(x=place, color=colour, y=alt.Y("low:Q", scale=axis), y2="high:Q")
+    lines = base.mark_rule(opacity=0.5, color="#888888").encode(x=place, y=alt.Y("low:Q", scale=axis), y2="high:Q")
     marks = base.mark_point(filled=True, size=90, opacity=1).encode(
         x=place, color=colour, shape=alt.Shape("name:N", legend=names),
         y=alt.Y("over:Q", scale=axis, title="error / bound of what is answered (log)"),
