@@ -257,7 +257,10 @@ def test_shares_of_the_light_are_kept_on_request() -> None:
     kept = generate(scene, seed=3, fidelity="full", rtol=0.1, truth_electrons=True, truth_components=True)
     plain = generate(scene, seed=3, fidelity="full", rtol=0.1)
     names = [f"truth_{name}" for name in ("direct", "interreflection", "single", "multiple")]
-    assert np.allclose(kept["truth_ambient"].values, 100.0 * 1e-3 + 1e5 * 1e-3, rtol=1e-6)
+    rig = scene.rig.model_dump()
+    open_s = rig["pulses_per_slice"] * rig["gates"][0]["width_s"]  # ambient light enters while the gate is open
+    dark = rig["detector"]["dark_current_e_per_s"] * rig["detector"]["exposure_s"]
+    assert np.allclose(kept["truth_ambient"].values, dark + rig["ambient_e_per_s"] * open_s, rtol=1e-6)
     total = np.sum([kept[name].values.astype(float) for name in names], axis=0)
     rest = kept["truth_electrons"].values - total
     assert np.ptp(rest, axis=(1, 2)).max() < 1e-3 * total.max()  # ambient and dark: the same in every pixel

@@ -185,7 +185,7 @@ def test_bends_are_no_tighter_than_asked() -> None:
         ("terraces", {"rise_m": [0.1, 0.9]}, "upon the ground"),
         ("terraces", {"blocks": 0, "part": "objects"}, "holds nothing"),
         ("vegetation", {"blade_width_m": 0.2}, "a fifth"),
-        ("wreck", {"seed": -1}, "greater than or equal to 0"),
+        ("wreck", {"seed": -1}, "at least 0"),
         ("wreck", {"center_m": [0.0, 0.0, 0.3]}, "inside a target"),
         ("wreck", {"center_m": [0.0, 0.0, -4.0]}, "behind the camera"),
     ],

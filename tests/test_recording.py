@@ -234,7 +234,7 @@ def test_a_wrong_rig_file_says_what(change: Mapping[str, Any], said: str) -> Non
 @pytest.mark.parametrize(
     ("scan", "said"),
     [
-        ({"start_ns": 26.5}, "start_s"), ({"start_s": "26.5 ns"}, "number"), ({"start_s": 26.5}, "less than or equal to 1"),
+        ({"start_ns": 26.5}, "start_s"), ({"start_s": "26.5 ns"}, "number"), ({"start_s": 26.5}, "at most 1"),
         ({"count": 0}, "count"), ({"values_s": [1e-9]}, "start_s, step_s and count, or by values_s"),
         ({"reference_delay_s": 26.6e-9}, "one of the delays"), ({"reference": 0}, "only there"),
     ],
