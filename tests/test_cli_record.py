@@ -48,7 +48,7 @@ def test_the_files_of_the_page_are_valid(project: Path) -> None:
     text = (project / "docs" / "recording.md").read_text(encoding="utf-8")
     plan, rig = (tomllib.loads(block) for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
     planned = load_plan(plan)
-    assert len(planned.slots) == 250
+    assert len(planned.slots) == 126
     assert devices_of(planned, load_rig(rig)).trigger == "delay"
 
 

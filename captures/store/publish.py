@@ -80,7 +80,7 @@ def publish(partial: Path, path: Path, journal: Journal, *, overwrite: bool, kee
 
 
 def disk_error(error: OSError, doing: str, path: Path, next_step: str = "") -> InputError:
-    """An OSError as an InputError with advice."""
+    """An OSError as an InputError with advice; its notes are kept."""
     advice = {
         errno.ENOSPC: "free space on the disk, or choose another --out",
         errno.EDQUOT: "free space in your quota, or choose another --out",
@@ -89,10 +89,13 @@ def disk_error(error: OSError, doing: str, path: Path, next_step: str = "") -> I
         errno.EROFS: "choose another --out that you may write to",
         errno.ENOTDIR: "choose another --out: a part of this path is a file",
     }.get(error.errno or 0, "")
-    return InputError(
+    told = InputError(
         f"{doing} failed: {error.strerror or error}.",
         where=str(path), next_step="; ".join(filter(None, [advice, next_step])),
     )  # fmt: skip
+    for note in getattr(error, "__notes__", ()):  # what is kept, and how to continue
+        told.add_note(note)
+    return told
 
 
 def _drop_unlisted(partial: Path, chunks: dict[str, dict[str, Any]]) -> None:
