@@ -107,7 +107,7 @@ def test_estimators_can_be_chosen(suite: Path, tmp_path: Path, capsys: pytest.Ca
 
 
 def test_light_is_kept_apart_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`generate --truth-components` stores the four stacks, and repeating the store by its own records finds equal bits."""
+    """`generate --truth-components` stores the parts of the light, and repeating the store by its own records finds equal bits."""
     if importlib.util.find_spec("mitsuba") is None:
         pytest.skip("Mitsuba is not installed")
     from beambench.captures import open_captures
@@ -122,6 +122,9 @@ def test_light_is_kept_apart_on_request(tmp_path: Path, capsys: pytest.CaptureFi
     assert json.loads(capture.attrs["provenance"])["arguments"]["truth_components"] is True
     capsys.readouterr()
     assert cli.main(["generate", "--like", str(out)]) == 0
-    # Other rungs do not keep it apart, and say which one does.
-    assert cli.main([*asked, str(tmp_path / "other.zarr")]) == 2
-    assert 'fidelity="full"' in capsys.readouterr().err
+    # Which parts there are depends on the rung: `auto` may take any, and is refused.
+    assert cli.main([*asked, str(tmp_path / "direct.zarr")]) == 0
+    assert "truth_direct" in open_captures(tmp_path / "direct.zarr")[0]
+    capsys.readouterr()
+    assert cli.main([*asked, str(tmp_path / "other.zarr"), "--fidelity", "auto"]) == 2
+    assert "kept apart" in capsys.readouterr().err

@@ -72,7 +72,8 @@ def test_a_worker_that_hangs_is_replaced(tmp_path: Path, monkeypatch: pytest.Mon
         events = workers.events
     assert ended.done == {}
     assert len(events) == 1
-    assert told in events[0]
+    # Both limits are 3 s here: which of them is met first is a matter of chance where the worker uses no processor.
+    assert told in events[0] or "completed no capture in 3 s" in events[0]
     assert time.monotonic() - began < 60.0
 
 

@@ -82,6 +82,8 @@ def test_a_suite_gives_the_rows_that_it_gave(old: Path, tmp_path: Path) -> None:
     assert list(then["estimator"]) == list(now["estimator"])
     for name in ACCURACY:
         if then[name].dtype.kind == "f":
-            np.testing.assert_allclose(now[name], then[name], rtol=1e-3, atol=ROUNDED_M, err_msg=name)
+            # A quantile is the error of a single pixel, which another maker's processor may round to its neighbour's count.
+            rtol = 2e-2 if name == "p95" else 1e-3
+            np.testing.assert_allclose(now[name], then[name], rtol=rtol, atol=ROUNDED_M, err_msg=name)
         else:
             assert list(then[name]) == list(now[name]), name
