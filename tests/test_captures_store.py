@@ -159,7 +159,7 @@ def test_captures_of_one_store_have_one_layout(tmp_path: Path) -> None:
     for other, name in [
         (example_capture("gated", sizes={"row": 6}), "counts"),
         (example_capture("waveform"), "modality"),
-        (example_capture("gated", optional=False), "truth_amplitude"),
+        (example_capture("gated", optional=False), "truth_instance"),
     ]:
         with pytest.raises(InputError, match=f"{name} differs from the first"):
             write(tmp_path / "store", [first, other], overwrite=True)
