@@ -122,8 +122,10 @@ def near_keys(known: set[str], key: str) -> str:
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def lost_table(schema: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]) -> tuple[str, list[str]] | None:
-    """(path of a missing table, the unknown keys that belong to it), where a table's header was left out.
+def lost_table(
+    schema: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]
+) -> tuple[Mapping[str, Any], list[str]] | None:
+    """(error of a missing table, the unknown keys that belong to it), where a table's header was left out.
 
     Main arguments:
         schema: JSON Schema of the spec. errors: those of the validation, with `loc`, `type`.
@@ -135,7 +137,7 @@ def lost_table(schema: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]) -
         for properties in _tables_named(schema, str(error["loc"][-1])):
             own = [key for key in unknown if key in properties]
             if len(own) >= 2 and len(own) * 2 >= len(unknown):
-                return ".".join(map(str, error["loc"])), own
+                return error, own
     return None
 
 

@@ -44,13 +44,11 @@ def _told(
     schema = model.model_json_schema() if any(error["type"] == "extra_forbidden" for error in errors) else {}
     lost = lost_table(schema, errors) if schema else None
     if lost is not None:
-        missing = next(
-            error for error in errors if error["type"] == "missing" and ".".join(map(str, error["loc"])) == lost[0]
-        )
+        missing, keys = lost
         table = _key_path(missing, data)
         return InputError(
             "A table is missing; its keys stand elsewhere.", where=f"{where}: {table}",
-            allowed=f"[{table}] above {', '.join(lost[1])}", next_step=next_step,
+            allowed=f"[{table}] above {', '.join(keys)}", next_step=next_step,
         )  # fmt: skip
     first, *rest = errors
     what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}

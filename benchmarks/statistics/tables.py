@@ -96,7 +96,7 @@ def _read_by_one(rows: list[dict[str, Any]]) -> bool:
     """Whether some estimator reads all scenes of a group: otherwise nobody can be ranked."""
     scenes: dict[str, set[str]] = {}
     for row in rows:
-        if _as_written(row) and int(row["n"]) > 0:
+        if _as_written(row):
             scenes.setdefault(label_of(str(row["estimator"]), str(row["params"])), set()).add(str(row["scene"]))
     return len(partial_readers(scenes)) < len(scenes)
 
