@@ -23,6 +23,14 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("beambench")
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Name what fails, and what takes minutes, at once: a run that is stopped prints no summary."""
+    if "PYTEST_XDIST_WORKER" in os.environ or not (report.failed or report.duration > 60.0):
+        return
+    last = report.longreprtext.strip().splitlines()[-1:] if report.failed else []
+    print(f"\n{report.outcome} after {report.duration:.0f} s: {report.nodeid} ({report.when})", *last, flush=True)
+
+
 @pytest.fixture
 def long_run(request: pytest.FixtureRequest) -> None:
     """For tests marked slow that the default run leaves out; a shorter part of them is another test."""

@@ -54,7 +54,7 @@ def test_maximum_likelihood_is_efficient_unbiased_and_honest_where_regular(cell:
 
 
 @pytest.mark.slow
-def test_maximum_likelihood_over_all_cells() -> None:
+def test_maximum_likelihood_over_all_cells(long_run: None) -> None:
     rows = list(efficiency_rows(CELLS, LIKELIHOOD))
     assert {row["bound_kind"] for row in rows} == {"exact"}
     assert all(0.95 <= row["z_rms"] <= 1.05 and row["coverage"] > 0.999 for row in rows)

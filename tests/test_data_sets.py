@@ -105,11 +105,15 @@ def test_a_worker_that_dies_is_replaced(store: Path, tmp_path: Path, monkeypatch
     assert tree(tmp_path / "out") == tree(store)
 
 
-@pytest.mark.parametrize("what", ["os.kill(os.getpid(), 9)", "raise RuntimeError('planted')"])
+@pytest.mark.parametrize(
+    "what", ["os.kill(os.getpid(), 9)", pytest.param("raise RuntimeError('planted')", marks=pytest.mark.slow)]
+)
 def test_a_job_that_ends_three_workers_is_set_aside(
-    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, request: pytest.FixtureRequest
 ) -> None:
     """It is named, the rest goes on, `finalize` keeps the rest, and a later --resume makes what is missing."""
+    if "raise" in what:
+        request.getfixturevalue("long_run")
     command = _PLANTED.format(mark=str(tmp_path / "mark"), at=13, once=False, what=what)
     with monkeypatch.context() as planted:
         planted.setattr(crew, "_COMMAND", command)

@@ -48,9 +48,10 @@ def test_an_unknown_value_is_not_needed_or_named(name: str) -> None:
     clean = maker.clean()
     known = run_estimator(fed(name), clean)
     rig, answered = read_rig(clean), 0
-    for key in TABLES[one.modality]:
+    keys = [key for key in TABLES[one.modality] if key.applies(rig)]
+    for key in keys if name != "spectrum-reml" else keys[::6]:  # a second and more for each
         place = key.path.removesuffix(".*")
-        if not key.applies(rig) or rig.get(place) is None:
+        if rig.get(place) is None:
             continue
         try:
             found = run_estimator(fed(name), without(clean, place))

@@ -118,4 +118,5 @@ def test_streams_of_different_names_differ_and_stages_keep_their_numbers() -> No
     assert {s.name: int(s) for s in Stage} == {
         "ENERGY": 1, "JITTER": 2, "PHOTONS": 3, "INTENSIFIER": 4, "DARK": 5, "READ": 6, "PRNU": 7, "DSNU": 8,
         "PATHS": 9, "PULSES": 10, "SPECKLE": 11, "INCLINATION": 12, "SCREEN": 20, "POINTING": 21, "IMAGER": 22,
+            "HIDDEN": 23, "FAULTS": 24,
     }  # fmt: skip

@@ -142,7 +142,7 @@ def test_500_seeds_are_500_scenes_as_a_data_set_draws_them(kind: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_500_seeds_are_500_meshes_and_images(kind: str) -> None:
+def test_500_seeds_are_500_meshes_and_images(kind: str, long_run: None) -> None:
     seen = {hashlib.sha256(np.round(views(kind, seed)[0].distance, 4).tobytes()).digest() for seed in range(500)}
     assert len(seen) == 500
     assert len({mesh_of(kind, seed).vertices.tobytes() for seed in range(500)}) == 500

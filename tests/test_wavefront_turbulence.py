@@ -90,16 +90,23 @@ def test_the_source_is_the_interval_before_the_last_gate(flowing: xr.Dataset) ->
     assert 0.49 < found["sigma_source"].values[0] < 0.9, "half of the interval, and the chance of another one"
 
 
-def test_the_error_of_the_source_is_the_stated_one() -> None:
+@pytest.mark.parametrize(
+    ("seeds", "low", "high"), [(1, 0.2, 1.9), pytest.param(4, 0.8, 1.1, marks=pytest.mark.slow)]
+)
+def test_the_error_of_the_source_is_the_stated_one(
+    seeds: int, low: float, high: float, request: pytest.FixtureRequest
+) -> None:
     """The inlet lies in the plane of the last mirror, half an interval from the middle that is told: in 96 captures z is .91. A
-    48th is told a metre too near."""
+    48th is told a metre too near. The root mean square of four is within 1.9 (.2) of that in 999 of 1,000 draws."""
+    if seeds > 1:
+        request.getfixturevalue("long_run")
     z = []
     for flow in (10.0, 20.0, 30.0, 40.0):
-        for seed in range(4):
+        for seed in range(seeds):
             one = tank(100 + seed, turbulence__flow_l_per_min=flow, imager=None)
             found = run_estimator(TOLD, hide_truth(one))
             z.append((found["source"].values[0] - one["truth_source"].values[0]) / found["sigma_source"].values[0])
-    assert np.isfinite(z).all() and 0.8 < np.sqrt(np.mean(np.square(z))) < 1.1
+    assert np.isfinite(z).all() and low < np.sqrt(np.mean(np.square(z))) < high
 
 
 def test_shares_of_layers_are_the_chances_of_being_strongest() -> None:

@@ -179,7 +179,7 @@ _KEPT = ("part", "sha256", "told", "index", "device_ns", "host_ns", "opened", "m
 
 def _clocks(lines: list[Any]) -> list[dict[str, float]]:
     """The device's clock against the host's, each time that the devices were opened: host = offset + (1 + 1e-6·ppm)·device, ns, by
-    least squares, with the rms of what is left."""
+    least squares, with the standard error of the rate and the rms of what is left."""
     found = []
     for number in sorted({line["opened"] for line in lines if line}):
         own = [line for line in lines if line and line["opened"] == number and line["device_ns"]]
@@ -193,7 +193,9 @@ def _clocks(lines: list[Any]) -> list[dict[str, float]]:
         slope, shift = np.polyfit(x, y, 1)
         rest = float(np.sqrt(np.mean((y - slope * x - shift) ** 2)))
         offset = float(host[0] - device[0]) + float(shift)
-        found.append(
-            {"opened": number, "shots": len(own), "offset_ns": offset, "ppm": (slope - 1) * 1e6, "rms_ns": rest}
-        )
+        error = rest * float(np.sqrt(len(own) / (len(own) - 2) / np.sum((x - x.mean()) ** 2)))
+        found.append({
+            "opened": number, "shots": len(own), "offset_ns": offset, "ppm": (slope - 1) * 1e6, "ppm_error": error * 1e6,
+            "rms_ns": rest,
+        })  # fmt: skip
     return found
