@@ -33,6 +33,8 @@ TITLES = {
 }
 #: Half-width of the 95 % interval of an error, as a fraction, that a published row should not exceed.
 WANTED = 0.05
+#: Share of elements that may fail or not be answered where an error is that of noise.
+SOUND = 1e-3
 
 
 def rows_of(run: Path) -> pd.DataFrame:
@@ -46,16 +48,32 @@ def rows_of(run: Path) -> pd.DataFrame:
 
 
 def intervals(rows: pd.DataFrame) -> str:
-    """How wide the intervals of the errors are, for each modality and condition."""
-    lines = ["| modality | condition | errors | half-width ≤ 5 % | median | widest |", "|---|---|---|---|---|---|"]
-    for (modality, condition), own in rows.groupby(["modality", "condition"], sort=False):
+    """How wide the intervals of the errors are, for each quantity and condition: those of estimators that hardly fail on a
+    scene, and the others, whose error is that of their few or many failures."""
+    lines = [
+        "| modality | quantity | condition | failures < .1 %: errors | half-width ≤ 5 % | median | widest "
+        "| more failures: errors | half-width ≤ 5 % |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for (modality, quantity, condition), own in rows.groupby(["modality", "quantity", "condition"], sort=False):
         known = own[own.half.notna()]
-        worst = known.loc[known.half.idxmax()]
+        lost = known.failure_rate + 1.0 - known.coverage
+        sound, other = known[lost < SOUND], known[lost >= SOUND]
+        worst = sound.loc[sound.half.idxmax()] if len(sound) else None
         lines.append(
-            f"| {modality} | {condition} | {len(known)} | {np.mean(known.half <= WANTED):.0%} | {100 * known.half.median():.1f} % "
-            f"| {100 * worst.half:.0f} % (`{worst['name']}`, {worst.scene}) |"
+            f"| {modality} | {quantity} | {condition} | {len(sound)} | {_share(sound.half)} "
+            + (
+                f"| {100 * sound.half.median():.1f} % | {100 * worst.half:.0f} % (`{worst['name']}`, {worst.scene}) "
+                if worst is not None
+                else "| – | – "
+            )
+            + f"| {len(other)} | {_share(other.half)} |"
         )
     return "\n".join(lines)
+
+
+def _share(half: pd.Series) -> str:
+    return f"{np.mean(half <= WANTED):.0%}" if len(half) else "–"
 
 
 def errors(own: pd.DataFrame, factor: float) -> str:
