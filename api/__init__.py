@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .verbs.run import run
     from .verbs.scenes import scenes_list, scenes_new, scenes_preview, scenes_show
     from .verbs.score import score
+    from .verbs.show import show
     from .verbs.suites import suites_list, suites_new, suites_show
     from .verbs.sweep import sweep
     from .verbs.twin import twin
@@ -75,6 +76,7 @@ __all__ = [
     "scenes_preview",
     "scenes_show",
     "score",
+    "show",
     "suites_list",
     "suites_new",
     "suites_show",
@@ -115,6 +117,7 @@ _HOME = {
     "scenes_preview": ".verbs.scenes",
     "scenes_show": ".verbs.scenes",
     "score": ".verbs.score",
+    "show": ".verbs.show",
     "suites_list": ".verbs.suites",
     "suites_new": ".verbs.suites",
     "suites_show": ".verbs.suites",

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from .coloured import half_blocks
 from .scenes.plain_text import plain_text
 
 __all__ = ["LiveFrame", "blocks", "progress_line", "sixel"]
@@ -82,13 +83,7 @@ def progress_line(done: int, total: int, taken: int, spent_s: float, text: str) 
 def blocks(image: NDArray[Any], rows: int, cols: int) -> list[str]:
     """An image (row, col) in at most `rows` × `cols` characters: the upper half of each shows one row of it, the lower the next."""
     grey = _levels(_sampled(image, 2 * rows, cols), _LEVELS - 1)
-    if len(grey) % 2:
-        grey = np.vstack([grey, grey[-1:]])
-    lines = []
-    for upper, lower in zip(grey[::2], grey[1::2], strict=True):
-        cells = (f"\x1b[38;5;{_FIRST_GREY + u};48;5;{_FIRST_GREY + v}m▀" for u, v in zip(upper, lower, strict=True))
-        lines.append("".join(cells) + "\x1b[0m")
-    return lines
+    return half_blocks([[f"5;{_FIRST_GREY + level}" for level in line] for line in grey])
 
 
 def sixel(image: NDArray[Any], rows: int = 192, cols: int = 384) -> str:

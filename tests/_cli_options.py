@@ -3,7 +3,7 @@
 One kind has changed since 2026-11-28: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
 One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
 `bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `twin`,
-`--compare`, `--chart` and `--overwrite` of `estimators check`.
+`show`, and `--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
 from __future__ import annotations
@@ -277,6 +277,15 @@ score: --sealed <text> default None
 score: --suite <text> default None
 score: DATA <text> required
 score: ESTIMATES <text> required
+show: --browser <flag> default False
+show: --capture <number> default 0
+show: --debug <flag> default False
+show: --element <number> default None
+show: --json <flag> default False
+show: --out -o <text> default None
+show: --overwrite <flag> default False
+show: --terminal <flag> default False
+show: DATA <text> required
 suites list: --debug <flag> default False
 suites list: --json <flag> default False
 suites new: --debug <flag> default False

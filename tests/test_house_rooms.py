@@ -43,7 +43,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "listing", "package",
     ),
     "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "datasets", "card",
+        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "looks", "datasets", "card",
         "design", "search", "peers", "fidelity", "measure", "run", "gate", "twin", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
@@ -61,6 +61,7 @@ TABLES = {
     "generator/emulators/sights.py": "EMULATIONS",
     "estimators/builtin.py": "BUILTIN",
     "benchmarks/judges/__init__.py": "JUDGES",
+    "benchmarks/looks/__init__.py": "LOOKS",
     "api/health/modalities.py": "NOT_YET",
 }
 

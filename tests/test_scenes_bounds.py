@@ -51,7 +51,9 @@ def test_impossible_values_are_refused_with_their_limit(scene: str, path: str, v
     with pytest.raises(InputError) as told:
         load_scene(scene, {path: value})
     last = [part for part in path.split(".") if not part.isdigit()][-1]
-    assert last in told.value.where and told.value.allowed.startswith(("at least ", "at most ")) and told.value.next_step
+    assert (
+        last in told.value.where and told.value.allowed.startswith(("at least ", "at most ")) and told.value.next_step
+    )
 
 
 @pytest.mark.parametrize(

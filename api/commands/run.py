@@ -12,10 +12,11 @@ from .build import Arguments, View, command
 if TYPE_CHECKING:
     from ..benchmarks.run import RunResult
 
-__all__ = ["REPORT", "RUN"]
+__all__ = ["REPORT", "RUN", "closing_of"]
 
 
-def _closing(folder: str | Path) -> list[str]:
+def closing_of(folder: str | Path) -> list[str]:
+    """The last lines of a run in the terminal."""
     from ..benchmarks.report.ranking import read_pairs
     from ..benchmarks.report.text import closing_lines
     from ..benchmarks.scores.tables import read_scores
@@ -30,7 +31,7 @@ def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
         "out": str(result.out),
         "report": str(result.report) if result.report else None,
         "rows": len(result.rows),
-        "closing": _closing(result.out),
+        "closing": closing_of(result.out),
         "warnings": result.warnings,
         "failures": result.failures,
         "skipped": skips_of(result.rows),
@@ -41,7 +42,7 @@ def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
 def _run_text(result: RunResult, given: Arguments) -> None:
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    print_lines("", *_closing(result.out), f"tables   {result.out / 'scores.csv'}")
+    print_lines("", *closing_of(result.out), f"tables   {result.out / 'scores.csv'}")
     if result.report:
         print_lines(f"page     {result.report.resolve()}")
 
@@ -67,11 +68,11 @@ Exit code 1 where every estimator failed or was skipped; one that fails beside o
 
 
 def _report_json(page: Path, given: Arguments) -> dict[str, Any]:
-    return {"report": str(page), "closing": _closing(given["folder"])}
+    return {"report": str(page), "closing": closing_of(given["folder"])}
 
 
 def _report_text(page: Path, given: Arguments) -> None:
-    print_lines(*_closing(given["folder"]), f"page     {page.resolve()}")
+    print_lines(*closing_of(given["folder"]), f"page     {page.resolve()}")
 
 
 REPORT = command(

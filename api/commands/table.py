@@ -25,6 +25,7 @@ _COMMANDS = {
     "record": (4, "record:RECORD"),
     "estimate": (5, "estimate:ESTIMATE"),
     "score": (6, "estimate:SCORE"),
+    "show": (7, "show:SHOW"),
     "estimators list": (0, "estimators:LIST"),
     "estimators check": (0, "estimators:CHECK"),
     "estimators new": (0, "estimators:NEW"),

@@ -15,6 +15,7 @@ from ...scenes.datasets.distributions import Choice, Expressed, Grid
 from ...scenes.datasets.spec import Dataset
 from ...scenes.json_keys import read_json
 from ..folders.progress import Progress
+from ..looks.panel import brightest
 
 __all__ = ["Drawn", "GroupFigures", "Sample", "drawn_of", "group_figures"]
 
@@ -201,8 +202,7 @@ def _samples(capture: Any, names: list[str], facts: Mapping[str, Any]) -> Iterat
     for name in names:
         variable = capture[name]
         planes = planes_of(name, list(map(str, variable.dims)), np.asarray(variable.values, float))
-        light = np.nansum(planes.values.reshape(len(planes.values), -1), axis=1)
-        best = int(np.argmax(light)) if name == names[0] else 0
+        best = brightest(planes.values) if name == names[0] else 0
         yield Sample(
             int(facts["capture"]), str(facts.get("part", "")), str(facts.get("base", "")), planes.labels()[best],
             planes.values[best], str(variable.attrs.get("units", "")),
