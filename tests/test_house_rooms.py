@@ -43,8 +43,8 @@ ORDER: dict[str, tuple[str, ...]] = {
         "listing", "package",
     ),
     "benchmarks": (
-        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "looks", "datasets", "card",
-        "design", "search", "peers", "fidelity", "measure", "run", "gate", "twin", "checks", "reproduce",
+        "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "looks", "datasets",
+        "card", "design", "search", "peers", "fidelity", "measure", "run", "gate", "twin", "checks", "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip

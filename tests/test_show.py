@@ -203,7 +203,9 @@ def test_what_is_neither_capture_nor_run_is_told(tmp_path: Path, capsys: pytest.
 
 def test_a_run_shows_its_charts_and_its_best_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     suite = {
-        "schema_version": 1, "suite": "small", "version": 1, "title": "Small", "scenes": [{"scene": "flat-wall", "overrides": SIDE}], "estimators": ["peak", "poisson-ml"],
+        "schema_version": 1, "suite": "small", "version": 1, "title": "Small",
+        "scenes": [{"scene": "flat-wall", "overrides": SIDE}],
+        "estimators": ["peak", "poisson-ml"],
         "seeds": {"dev": [1], "test": [2]}, "conditions": ["matched"],
     }  # fmt: skip
     beambench.run(suite, out=tmp_path / "run")

@@ -34,7 +34,7 @@ def _image(panel: Image, rows: int, cols: int) -> Colours:
     values = panel.values[np.ix_(row, col)]
     known = np.isfinite(values)
     share = np.clip((np.where(known, values, panel.low) - panel.low) / (panel.high - panel.low), 0.0, 1.0)
-    drawn = lut(panel.anchors, _STEPS)[np.rint(share * (_STEPS - 1)).astype(int)]
+    drawn: Colours = lut(panel.anchors, _STEPS)[np.rint(share * (_STEPS - 1)).astype(int)]
     drawn[~known] = _GROUND
     for line in panel.lines:
         _draw(drawn, line, (line.x + 0.5) / across - 0.5, (line.y + 0.5) / down - 0.5)

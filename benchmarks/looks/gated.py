@@ -22,7 +22,7 @@ def gated_look(capture: xr.Dataset, element: int | None) -> list[Image | Curves]
     if element is None:
         light = np.nansum(counts - np.nanmin(counts, axis=0), axis=(1, 2))[order]
         passed = np.cumsum(light) / max(float(light.sum()), 1e-300)
-        shown = [int(order[min(np.searchsorted(passed, share), len(order) - 1)]) for share in (0.25, 0.5, 0.75)]
+        shown = [int(order[min(int(np.searchsorted(passed, share)), len(order) - 1)]) for share in (0.25, 0.5, 0.75)]
     else:
         shown = [chosen(element, counts, "slice")]
     found: list[Image | Curves] = [
