@@ -90,6 +90,7 @@ def _shown(one: Judged) -> dict[str, Any]:
         "interval": interval,
         "tolerance": tolerance,
         "verdict": one.verdict,
+        "coverage": f"{100 * one.coverage:.1f}" if one.coverage < 1.0 else "",
         "slug": one.verdict.replace(" ", "-"),
         "remark": one.remark,
         "why": clause.why,

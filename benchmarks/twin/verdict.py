@@ -111,7 +111,8 @@ def _one(clause: Clause, found: tuple[float, float, float], half: float, level: 
     else:
         unit = "" if clause.unit == "1" else f" {clause.unit}"
         remark = f"the interval, ± {half:.2g}{unit}, is too wide for the tolerance: record more repeats"
-    return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark)
+    coverage = evidence.coverage.get(clause.name, 1.0)
+    return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark, coverage)
 
 
 def _above(clause: Clause, evidence: Evidence) -> Judged:
@@ -135,6 +136,7 @@ def _above(clause: Clause, evidence: Evidence) -> Judged:
         clause.absolute,
         verdict,
         remark,
+        evidence.coverage.get(clause.name, 1.0),
     )
 
 
@@ -142,4 +144,4 @@ def _untold(clause: Clause, evidence: Evidence) -> Judged:
     nan = math.nan
     why = evidence.why_not.get(clause.name, "the recording does not show it")
     real = clause.factor * evidence.real.get(clause.name, nan)
-    return Judged(clause, real, nan, nan, nan, nan, nan, nan, "cannot tell", why)
+    return Judged(clause, real, nan, nan, nan, nan, nan, nan, "cannot tell", why, nan)
