@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,6 +100,11 @@ class Judged:
     verdict: Verdict
     remark: str
     coverage: float
+
+    @property
+    def measured(self) -> bool:
+        """Whether the recording shows what the clause is about."""
+        return math.isfinite(self.low)
 
 
 @dataclass(frozen=True)

@@ -243,8 +243,9 @@ def _one_echo(frame: Frame) -> str:
         return f"All {lit} pixels with light show one echo in the first half."
     there = "pulse, gate, time zero, ranges and residuals" if frame.map else "pulse, gate and time zero"
     return (
-        f"{one} of {lit} pixels with light ({100 * one / lit:.1f} %) show one echo in the first half. The others see two surfaces, or a "
-        f"steep one. Clauses about {there} are judged in the pixels with one echo."
+        f"{one} of {lit} pixels with light ({100 * one / max(lit, 1):.1f} %) show one echo in the first half. The others see two "
+        f"surfaces or a steep one, or differ in gate or noise. Clauses about {there} are judged in the pixels with one echo, and "
+        "say nothing about the others."
     )
 
 

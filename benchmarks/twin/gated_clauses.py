@@ -74,7 +74,7 @@ CLAUSES = (
     ),
     Clause(
         "dsnu",
-        "Dark pattern: rms of the pixels' means",
+        "Dark pattern: rms of the pixels' means beyond noise (negative: less than noise gives)",
         "DN",
         1.0,
         0.15,
@@ -86,7 +86,7 @@ CLAUSES = (
     ),
     Clause(
         "prnu",
-        "Pattern under light: relative rms of the pixels",
+        "Pattern under light: relative rms of the pixels beyond noise",
         "%",
         100.0,
         0.0,
@@ -165,7 +165,7 @@ CLAUSES = (
         0.15,
         "0.15: a misfit of 0.4 standard errors",
         _NO_SOURCE,
-        "what a fitted amplitude of each pixel takes up",
+        "what a fitted amplitude of each pixel takes up; pixels that are left out because they show more than one echo",
         "the twin's expectation does not explain the counts: shape, place or noise is wrong",
     ),
     Clause(
@@ -177,7 +177,7 @@ CLAUSES = (
         0.0,
         "15 %",
         _NO_SOURCE,
-        "which pixels are unlike",
+        "which pixels are unlike; pixels that are left out because they show more than one echo",
         "some pixels follow another model: gate differences, edges, dirt",
     ),
     Clause(

@@ -108,9 +108,9 @@ class GatedTwin:
     def _frames(
         self, scene: Scene, light: DirectScene, coords: dict[str, Any], seed: int, repeats: int
     ) -> npt.NDArray[np.float32]:
-        """Expected photoelectrons (frame, row, col). Where no delay jitters, the repeats of a delay differ in energy only."""
-        laser = gated_rig(scene).laser
-        if laser.jitter_frame_s or laser.jitter_shot_s:
+        """Expected photoelectrons (frame, row, col). Repeats of a delay differ in energy only, unless delay or rig move."""
+        rig = gated_rig(scene)
+        if rig.laser.jitter_frame_s or rig.laser.jitter_shot_s or rig.motion_m_per_s is not None:
             return expected_electrons(scene, light, coords, seed, _KEY)[0]
         once = _coordinates(scene, self.settings_s, 1, 1)
         electrons, ambient = expected_electrons(still_scene(scene), light, once, seed, _KEY)

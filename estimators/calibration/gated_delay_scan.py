@@ -166,7 +166,11 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
             "mean of the delays before the echo",
         ),
         Figure(
-            "one echo", "1", float(used_pixels.sum()) / max(int(lit.sum()), 1), nan, "",
+            "one echo",
+            "1",
+            float(used_pixels.sum()) / max(int(lit.sum()), 1),
+            nan,
+            "",
             "share of the lit pixels that one echo explains; pulse, gate and time zero are from these",
         ),
         Figure(
