@@ -29,6 +29,7 @@ class Clause:
         why: where the tolerance comes from. follows: the published test that it follows, "" for none. cannot: what it cannot
         show. physics: what a failure means beside its bound.
     Other arguments:
+        more: what a recording needs more of where noise hides the answer.
         above: the statistic is itself a degree of agreement, and must lie above `absolute`.
     """
 
@@ -42,6 +43,7 @@ class Clause:
     follows: str
     cannot: str
     physics: str
+    more: str = "repeats"
     above: bool = False
 
 

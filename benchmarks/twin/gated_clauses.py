@@ -59,6 +59,7 @@ CLAUSES = (
         _DARK,
         "offset apart from dark current and ambient light: both are in these frames",
         "the twin's offset, dark current or ambient light is wrong",
+        more="laser-off frames",
     ),
     Clause(
         "read-noise",
@@ -71,6 +72,7 @@ CLAUSES = (
         _DARK,
         "noise that differs between pixels, and its correlation",
         "the twin's read noise or dark current is wrong",
+        more="laser-off frames",
     ),
     Clause(
         "dsnu",
@@ -83,6 +85,7 @@ CLAUSES = (
         "EMVA 1288 R4.0, DSNU",
         "how the pattern is arranged (rows, columns)",
         "the twin's pixels differ more or less than the real ones",
+        more="laser-off frames",
     ),
     Clause(
         "prnu",
@@ -155,6 +158,7 @@ CLAUSES = (
         _NO_SOURCE,
         "what is scattered at later delays, under the echo",
         "the twin's water scatters back more or less: backscatter is left out or wrong",
+        more="repeats and laser-off frames",
     ),
     Clause(
         "residual",
