@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 import beambench
 from beambench import cli
 from beambench.benchmarks.checks.twin import Bench
+from beambench.benchmarks.checks.twin_edges import tried
 from beambench.benchmarks.twin import gated_render
 from beambench.scenes.load import load_scene
 
@@ -35,8 +37,10 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return place / "real.zarr", place / "rig.toml"
 
 
-def certificate(recording: Path, rig: Path, out: Path) -> tuple[int, dict[str, dict[str, str]]]:
-    code = cli.main(["twin", str(recording), "--rig", str(rig), "--draws", "16", "--estimator", "peak", "-o", str(out)])
+def certificate(recording: Path, rig: Path, out: Path, *more: str) -> tuple[int, dict[str, dict[str, str]]]:
+    code = cli.main(
+        ["twin", str(recording), "--rig", str(rig), "--draws", "16", "--estimator", "peak", "-o", str(out), *more]
+    )
     return code, {row["clause"]: row for row in csv.DictReader((out / "clauses.csv").open(encoding="utf-8"))}
 
 
@@ -80,6 +84,28 @@ def test_a_wrong_rig_fails_the_clause_that_names_it(
     code, rows = certificate(recording, wrong, tmp_path / "c")
     assert code == 1
     assert rows[clause]["verdict"] == "fail"
+
+
+def test_a_scene_renders_the_edges(calibrated: tuple[Path, Path], tmp_path: Path) -> None:
+    """With the scene, residuals are judged in all pixels, and edges have clauses of their own."""
+    recording, rig = calibrated
+    scene = tmp_path / "scene.json"
+    seen = load_scene("sphere", HIDDEN | {"rig.laser.pulse.fwhm_s": 1e-9})
+    scene.write_text(json.dumps(seen.model_dump(mode="json")), encoding="utf-8")
+    code, rows = certificate(recording, rig, tmp_path / "c", "--scene", str(scene))
+    assert code == 0
+    assert float(rows["residual"]["coverage"]) == 1.0
+    assert 0.5 < float(rows["pulse"]["coverage"]) < 0.97
+    for name in ("residual", "residual-spread", "flying", "separability", "t0"):
+        assert rows[name]["verdict"] == "pass", name
+
+
+def test_the_check_of_edges_in_short() -> None:
+    """One rig of `benchmarks.checks.twin_edges`, with few draws."""
+    verdicts, coverage = tried(2, 8, ("pulse +5 %",))
+    assert "fail" not in verdicts["right"].values()
+    assert 0.9 < coverage < 0.99
+    assert verdicts["pulse +5 %"]["pulse"] == "fail"
 
 
 def test_a_delay_without_jitter_is_rendered_once(monkeypatch: pytest.MonkeyPatch) -> None:
