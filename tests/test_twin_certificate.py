@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,22 @@ def _evidence(real: float, spread: float, draws: int = 40) -> Evidence:
 def test_verdicts(real: float, spread: float, verdict: str) -> None:
     """A difference that is shown but tolerable passes; what is neither shown nor shown to be small cannot be told."""
     assert judged([GAIN], _evidence(real, spread))[0].verdict == verdict
+
+
+def test_what_cannot_be_told_says_how_much_more_to_record() -> None:
+    """Noise falls with the root of the frames: an interval of ten tolerances takes a hundred times as many, and never less than
+    twice as many; dark clauses take frames without the laser."""
+    dark = next(clause for clause in CLAUSES if clause.name == "dsnu")
+    for clause, name in ((GAIN, "repeats"), (dark, "laser-off frames")):
+        clause = replace(clause, relative=0.0, absolute=0.015)
+        real = {clause.name: 1.0}
+        for spread in (0.02, 0.2):
+            twins = [{clause.name: 1.0 + spread * z} for z in np.random.default_rng(1).standard_normal(40)]
+            one = judged([clause], Evidence(real, twins, {}, {}, {}, ()))[0]
+            said = re.search(rf"at least (\d+) times as many {name}$", one.remark)
+            assert one.verdict == "cannot tell" and said, one.remark
+            asked = (max(one.high, -one.low) / 0.015) ** 2
+            assert asked <= int(said[1]) <= 1.1 * asked + 1
 
 
 def test_right_twins_fail_no_more_often_than_stated() -> None:

@@ -72,7 +72,7 @@ def twin(
     capture = store[_index(index, len(store))]
     folder = output_folder(out, f"twin-{slug(Path(real).stem)}", resume=False, overwrite=overwrite)
     refuse_inputs(folder, [real, *([rig] if rig is not None else [])])
-    held = _rig(rig, str(capture.attrs["modality"]))
+    held = _rig(rig, str(capture.attrs["modality"]), Path(real).name)
     tolerances = _tolerances(tolerance)
     found = certified(capture, Ask(held, scene, fidelity, draws, seed, tuple(estimator or _RANKED)), tolerances)
     record = {
@@ -102,14 +102,21 @@ def _index(index: int, length: int) -> int:
     return index
 
 
-def _rig(path: str | Path | None, kind: str) -> TwinRig | None:
+def _rig(path: str | Path | None, kind: str, recording: str) -> TwinRig | None:
     from ..benchmarks.twin.rig_file import TwinRig
     from ..scenes.rig_files import read_rig_file
 
     if path is None:
         return None
     held = read_rig_file(path, kind)
-    return TwinRig(held.overrides(), dict(held.uncertainty), f"the rig file {Path(path).name}")
+    source = f"the rig file {Path(path).name}"
+    named = [one.get("data") for one in held.calibration]
+    if any(recording in data for data in named if isinstance(data, list | tuple)):
+        source += (
+            f" (calibrated on a recording of the same name, {recording}: if it is this one, the rig has also seen the half that is "
+            "judged, which favours the twin)"
+        )
+    return TwinRig(held.overrides(), dict(held.uncertainty), source)
 
 
 def _tolerances(given: Sequence[str] | Mapping[str, float] | None) -> dict[str, float]:

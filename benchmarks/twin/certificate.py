@@ -25,5 +25,10 @@ class Certificate:
         return "fail" if "fail" in held else "pass" if "pass" in held else "cannot tell"
 
     def count(self, verdict: str) -> int:
-        """Number of clauses with a verdict."""
-        return sum(one.verdict == verdict for one in self.clauses)
+        """Number of clauses with a verdict, of those that the recording shows anything of."""
+        return sum(one.verdict == verdict for one in self.clauses if one.measured)
+
+    @property
+    def not_shown(self) -> int:
+        """Number of clauses that the recording shows nothing of."""
+        return sum(not one.measured for one in self.clauses)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +29,7 @@ class Clause:
         why: where the tolerance comes from. follows: the published test that it follows, "" for none. cannot: what it cannot
         show. physics: what a failure means beside its bound.
     Other arguments:
+        more: what a recording needs more of where noise hides the answer.
         above: the statistic is itself a degree of agreement, and must lie above `absolute`.
     """
 
@@ -41,6 +43,7 @@ class Clause:
     follows: str
     cannot: str
     physics: str
+    more: str = "repeats"
     above: bool = False
 
 
@@ -68,7 +71,8 @@ class Evidence:
             judged half could have, or the value itself where the clause is about an error. why_not: statistic -> why it could
             not be measured. curves: small charts by the name of their clause. about: lines about the recording and the twin.
     Other arguments:
-        intervals: statistic -> 95 % interval of a statistic that brings its own (`Clause.above`).
+        intervals: statistic -> 95 % interval of a statistic that brings its own (`Clause.above`). coverage: statistic -> share of
+        the pixels with light in which it is measured; missing where that is all of them.
     """
 
     real: Mapping[str, float]
@@ -78,12 +82,14 @@ class Evidence:
     curves: Mapping[str, Curve]
     about: Sequence[str]
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    coverage: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Judged:
     """A clause with its values in the unit of display: `low`, `high` the interval of the difference real − twin at the
-    family-wise corrected `level`, `tolerance`, the `bound`, the verdict and a remark in a sentence."""
+    family-wise corrected `level`, `tolerance`, the `bound`, the verdict and a remark in a sentence. `coverage`: share of the pixels
+    with light in which it was measured, NaN where it was not."""
 
     clause: Clause
     real: float
@@ -95,6 +101,12 @@ class Judged:
     tolerance: float
     verdict: Verdict
     remark: str
+    coverage: float
+
+    @property
+    def measured(self) -> bool:
+        """Whether the recording shows what the clause is about."""
+        return math.isfinite(self.low)
 
 
 @dataclass(frozen=True)

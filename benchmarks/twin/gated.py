@@ -15,6 +15,7 @@ import xarray as xr
 from ...estimators.calibration.gated_delay_scan import ScanValues, delay_scan_values, known_range
 from ...estimators.calibration.gated_noise import dark_statistics, noise_statistics
 from ...estimators.calibration.gated_scan import DelayScan, read_scan, scan_half
+from ...estimators.calibration.gated_single import fit_one_echo, lit_pixels
 from ...estimators.calibration.gated_widths import delays_before, fit_response, surveyed_delay, time_bound_s
 from ...estimators.response import correlate_samples
 from ...estimators.rig import DeclaredRig
@@ -70,7 +71,7 @@ def prepared_twin(capture: xr.Dataset, first: DelayScan, ask: Ask, range_m: Floa
     fitted = None
     if ask.scene is None:
         bare = read_with_rig_of(scene, first)
-        fitted = fit_response(bare, known_s=None if range_m is None else surveyed_delay(bare, range_m))
+        fitted = fit_one_echo(bare, known_s=None if range_m is None else surveyed_delay(bare, range_m))
     return rendered_twin(scene, first, uncertain, fitted, ask.fidelity, range_m is not None), rig
 
 
@@ -83,7 +84,9 @@ def unbiased(rig: TwinRig, draft: GatedTwin, first: DelayScan, range_m: Float) -
     Econometrics 8:S85, 1993).
     """
     scan = draft.read_with(first)
-    fit = fit_response(scan, known_s=surveyed_delay(scan, range_m), light=draft.expected_dn())
+    known = surveyed_delay(scan, range_m)
+    single = fit_one_echo(scan, known_s=known).single
+    fit = fit_response(scan, known_s=known, light=draft.expected_dn(), single=single)
     values = dict(rig.values)
     whole = fit.response.value
     for path, one in (("rig.laser.pulse", fit.pulse), ("rig.gates.0", fit.gate)):
@@ -118,13 +121,15 @@ def frame_of(twin: GatedTwin, first: DelayScan, range_m: Float | None) -> Frame:
         ranges = None
     known = None if ranges is None else surveyed_delay(scan, ranges)
     tau = known if known is not None else np.asarray(twin.light.returns.tau)
+    shown = fit_one_echo(scan, known_s=known)
     extra: dict[str, Any] = {}
     if "truth_mixed" in twin.truth:
-        extra = {"mixed": _told_apart(twin, scan)} | {
+        extra |= {"mixed": _told_apart(twin, scan)} | {
             f"{end}_m": np.asarray(twin.truth[f"truth_{end}"], np.float64).ravel() for end in ("first", "last")
         }
     return Frame(
         twin.expected_dn(), slope, floor, known, delays_before(scan, tau), k * gain, twin.spread is not None,
+        shown.single, lit_pixels(shown),
         None if ranges is None else ranges.ravel(), **extra,
     )  # fmt: skip
 
@@ -170,7 +175,7 @@ def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
         bounds["ranking"] = 1.0
     return Evidence(
         real, twins, bounds, {**_why_not(real, frame, ask), **ranking.why_not}, curves_of(judged, shown[0], twin, frame, fit),
-        _about(scan, second, rig, ask, frame, answers), ranking.interval,
+        _about(scan, second, rig, ask, frame, answers), ranking.interval, frame.coverage,
     )  # fmt: skip
 
 
@@ -182,14 +187,14 @@ def _bounds(judged: DelayScan, frame: Frame, fit: Any, answers: Ranges) -> dict[
     n_g = judged.rig.number("medium.group_index", above=0)
     half = 0.5 * C_M_PER_S / n_g
     times = time_bound_s(judged, fit)
-    good = np.isfinite(times) & (fit.amplitude > 5 * fit.amplitude_sigma)
+    good = np.isfinite(times) & lit_pixels(fit) & frame.single
     bound = float(np.sqrt((times[good] ** 2).mean())) * half if good.any() else math.nan
     return {
         "gain": noise["slope"].sigma, "excess": noise["skewness"].sigma, "fluctuation": noise["fluctuation"].sigma,
         "offset": off["noise"].value / math.sqrt(pixels * dark),
         "read-noise": off["noise"].value / math.sqrt(2.0 * pixels * (dark - 1)),
         "dsnu": off["pattern"].sigma, "pulse": fit.pulse.sigma, "gate": fit.gate.sigma, "response": fit.response.sigma,
-        "t0": fit.shift_s.sigma, "residual": math.sqrt(2.0 / (pixels * (len(judged.delay_s) - 1))),
+        "t0": fit.shift_s.sigma, "residual": math.sqrt(2.0 / (int(frame.judged.sum()) * (len(judged.delay_s) - 1))),
         "precision": bound, "trueness": bound / math.sqrt(pixels * min(_RUNS, judged.repeats)),
         "backscatter": math.sqrt(frame.floor / max(pixels * judged.repeats * int(frame.before.sum()), 1)) / frame.dn_per_e,
     }  # fmt: skip
@@ -227,7 +232,21 @@ def _about(scan: DelayScan, second: DelayScan, rig: TwinRig, ask: Ask, frame: Fr
         "draws anew.",
         f"The twin's target: {target}",
     ]
+    lines.append(_one_echo(frame))
     return lines + [f"No answer from {label}: {why}" for label, why in answers.failed.items()]
+
+
+def _one_echo(frame: Frame) -> str:
+    """What is said of pixels with more than one echo."""
+    lit, one = int(frame.lit.sum()), int((frame.single & frame.lit).sum())
+    if one == lit:
+        return f"All {lit} pixels with light show one echo in the first half."
+    there = "pulse, gate, time zero, ranges and residuals" if frame.map else "pulse, gate and time zero"
+    return (
+        f"{one} of {lit} pixels with light ({100 * one / max(lit, 1):.1f} %) show one echo in the first half. The others see two "
+        f"surfaces or a steep one, or differ in gate or noise. Clauses about {there} are judged in the pixels with one echo, and "
+        "say nothing about the others."
+    )
 
 
 TWIN = TwinKind(CLAUSES, measure)

@@ -59,6 +59,7 @@ CLAUSES = (
         _DARK,
         "offset apart from dark current and ambient light: both are in these frames",
         "the twin's offset, dark current or ambient light is wrong",
+        more="laser-off frames",
     ),
     Clause(
         "read-noise",
@@ -71,10 +72,11 @@ CLAUSES = (
         _DARK,
         "noise that differs between pixels, and its correlation",
         "the twin's read noise or dark current is wrong",
+        more="laser-off frames",
     ),
     Clause(
         "dsnu",
-        "Dark pattern: rms of the pixels' means",
+        "Dark pattern: rms of the pixels' means beyond noise (negative: less than noise gives)",
         "DN",
         1.0,
         0.15,
@@ -83,10 +85,11 @@ CLAUSES = (
         "EMVA 1288 R4.0, DSNU",
         "how the pattern is arranged (rows, columns)",
         "the twin's pixels differ more or less than the real ones",
+        more="laser-off frames",
     ),
     Clause(
         "prnu",
-        "Pattern under light: relative rms of the pixels",
+        "Pattern under light: relative rms of the pixels beyond noise",
         "%",
         100.0,
         0.0,
@@ -155,6 +158,7 @@ CLAUSES = (
         _NO_SOURCE,
         "what is scattered at later delays, under the echo",
         "the twin's water scatters back more or less: backscatter is left out or wrong",
+        more="repeats and laser-off frames",
     ),
     Clause(
         "residual",
@@ -165,7 +169,7 @@ CLAUSES = (
         0.15,
         "0.15: a misfit of 0.4 standard errors",
         _NO_SOURCE,
-        "what a fitted amplitude of each pixel takes up",
+        "what a fitted amplitude of each pixel takes up; pixels that are left out because they show more than one echo",
         "the twin's expectation does not explain the counts: shape, place or noise is wrong",
     ),
     Clause(
@@ -177,7 +181,7 @@ CLAUSES = (
         0.0,
         "15 %",
         _NO_SOURCE,
-        "which pixels are unlike",
+        "which pixels are unlike; pixels that are left out because they show more than one echo",
         "some pixels follow another model: gate differences, edges, dirt",
     ),
     Clause(

@@ -44,12 +44,12 @@ def kendall(a: Float, b: Float) -> Float:
 
 
 def _squares(answers: Ranges, frame: Frame, labels: Sequence[str]) -> Float:
-    """(label, pixel): mean square error over repeats; about the known range, or about the pixel's own mean. A pixel without
+    """(label, judged pixel): mean square error over repeats; about the known range, or about the pixel's own mean. A pixel without
     an answer counts with the greatest error of any."""
     found = []
     for label in labels:
-        values = answers.range_m[label]
-        centre = frame.range_m if frame.range_m is not None else values.mean(axis=0)
+        values = answers.range_m[label][:, frame.judged]
+        centre = frame.range_m[frame.judged] if frame.range_m is not None else values.mean(axis=0)
         found.append(np.where(np.isfinite(values), (values - centre) ** 2, np.nan).mean(axis=0))
     held = np.stack(found)
     worst = float(np.nanmax(held)) if np.isfinite(held).any() else 1.0

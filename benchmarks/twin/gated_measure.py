@@ -20,6 +20,7 @@ from ...scenes.errors import InputError
 __all__ = ["MAIN", "Frame", "Ranges", "estimated", "range_statistics", "signal_statistics"]
 
 Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 #: The estimator whose precision and trueness the clauses are about.
 MAIN = "poisson-ml"
@@ -37,6 +38,7 @@ class Frame:
         known_s: times of the echoes (pixel), None where every half's own are fitted. before: delays at which no echo is,
             only what water scatters. dn_per_e: counts per photoelectron. map: whether amplitudes were fitted to the
             recording.
+        single, lit: pixels that one echo explains, and pixels with light, in the first half of the recording.
         range_m: known ranges (pixel), None if unknown. mixed: pixels that see two surfaces. first_m, last_m: their ranges.
     """
 
@@ -47,16 +49,33 @@ class Frame:
     before: npt.NDArray[np.bool_]
     dn_per_e: float
     map: bool
+    single: Mask
+    lit: Mask
     range_m: Float | None = None
-    mixed: npt.NDArray[np.bool_] | None = None
+    mixed: Mask | None = None
     first_m: Float | None = None
     last_m: Float | None = None
+
+    @property
+    def judged(self) -> Mask:
+        """Pixels in which residuals and ranges are compared: a fitted map has one echo in each pixel, a scene has its edges."""
+        return self.single if self.map else np.ones(self.single.size, bool)
+
+    @property
+    def coverage(self) -> dict[str, float]:
+        """Clause -> share of the pixels with light in which it is judged, for those that are not judged in all."""
+        ranges = self.judged if self.mixed is None else self.judged & ~self.mixed
+        masks = dict.fromkeys(("pulse", "gate", "response", "t0"), self.single)
+        masks |= dict.fromkeys(("residual", "residual-spread", "ranking"), self.judged)
+        masks |= dict.fromkeys(("precision", "trueness"), ranges)
+        lit = max(int(self.lit.sum()), 1)
+        return {name: float((mask & self.lit).sum()) / lit for name, mask in masks.items()}
 
 
 def signal_statistics(scan: DelayScan, frame: Frame) -> tuple[dict[str, float], ResponseFit]:
     """Statistics of counts: photon transfer, dark frames, response, time zero, what is scattered, residuals."""
     noise, dark = noise_statistics(scan), dark_statistics(scan)
-    fit = fit_response(scan, known_s=frame.known_s)
+    fit = fit_response(scan, known_s=frame.known_s, single=frame.single)
     found = {
         "gain": noise["slope"].value, "excess": noise["skewness"].value, "fluctuation": noise["fluctuation"].value,
         "offset": dark["level"].value, "read-noise": dark["noise"].value, "dsnu": dark["pattern"].value,
@@ -68,7 +87,7 @@ def signal_statistics(scan: DelayScan, frame: Frame) -> tuple[dict[str, float], 
 
 
 def _residuals(light: Float, repeats: int, dark: int, frame: Frame) -> dict[str, float]:
-    """χ² of every pixel against the twin's expectation, whose amplitude is fitted in each pixel; and the pattern of these
+    """χ² of every judged pixel against the twin's expectation, whose amplitude is fitted in each pixel; and the pattern of these
     amplitudes.
 
     The mean of the dark frames, which is subtracted from all delays of a pixel, is part of their errors: it is eliminated
@@ -81,7 +100,7 @@ def _residuals(light: Float, repeats: int, dark: int, frame: Frame) -> dict[str,
     a, b, c = (weight * model**2).sum(axis=0), (weight * model).sum(axis=0), weight.sum(axis=0) + prior
     p, q = (weight * model * light).sum(axis=0), (weight * light).sum(axis=0)
     determinant = a * c - b**2
-    seen = a > 100.0  # ten standard errors of light
+    seen = frame.judged & (a > 100.0)  # ten standard errors of light
     if not seen.any():
         return {"residual": math.nan, "residual-spread": math.nan, "prnu": math.nan}
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,7 +172,7 @@ def range_statistics(ranges: Ranges, frame: Frame) -> dict[str, float]:
     if MAIN not in ranges.range_m:
         return found
     values = ranges.range_m[MAIN]
-    plain = np.ones(values.shape[1], bool) if frame.mixed is None else ~frame.mixed
+    plain = frame.judged if frame.mixed is None else frame.judged & ~frame.mixed
     sure = plain & np.isfinite(values).all(axis=0)
     if sure.sum() > 1 and len(values) > 1:
         found["precision"] = float(np.sqrt(values[:, sure].var(axis=0, ddof=1).mean()))

@@ -90,7 +90,7 @@ class GatedTwin:
         # The light was matched in DN: another gain comes with inversely many electrons.
         scale = gated_rig(self.scene).detector.gain_dn_per_e / rig.detector.gain_dn_per_e
         light = replace(light, returns=replace(light.returns, amplitude=light.returns.amplitude * scale))
-        expected, _ = expected_electrons(scene, light, coords, seed, _KEY)
+        expected = self._frames(scene, light, coords, seed, repeats)
         if self.scattered.any():
             _, energy = slice_settings(scene, coords, seed, _KEY)
             lit = len(self.settings_s) * repeats
@@ -104,6 +104,21 @@ class GatedTwin:
         return DelayScan(
             stack, flat[lit:], self.settings_s + gated_rig(self.scene).t0_s, self.shape, self.declared
         )  # fmt: skip
+
+    def _frames(
+        self, scene: Scene, light: DirectScene, coords: dict[str, Any], seed: int, repeats: int
+    ) -> npt.NDArray[np.float32]:
+        """Expected photoelectrons (frame, row, col). Repeats of a delay differ in energy only, unless delay or rig move."""
+        rig = gated_rig(scene)
+        if rig.laser.jitter_frame_s or rig.laser.jitter_shot_s or rig.motion_m_per_s is not None:
+            return expected_electrons(scene, light, coords, seed, _KEY)[0]
+        once = _coordinates(scene, self.settings_s, 1, 1)
+        electrons, ambient = expected_electrons(still_scene(scene), light, once, seed, _KEY)
+        background = ambient.astype(np.float32)[0]  # one gate, and as many pulses in every frame
+        _, energy = slice_settings(scene, coords, seed, _KEY)
+        of = np.minimum(np.arange(energy.size) // repeats, len(electrons) - 1)
+        expected = (electrons - background)[of] * energy.astype(np.float32)[:, None, None]
+        return np.asarray(expected + background, np.float32)
 
 
 def still_scene(scene: Scene) -> Scene:

@@ -42,7 +42,8 @@ def certificate_page(certificate: Certificate, source: str, typed: Sequence[str]
         sentence=sentence(certificate),
         about=certificate.evidence.about,
         charts=charts,
-        rows=[_shown(one) for one in certificate.clauses],
+        rows=[_shown(one) for one in certificate.clauses if one.measured],
+        not_shown=[_shown(one) for one in certificate.clauses if not one.measured],
         alpha=f"{100 * ALPHA:g}",
         draws=len(certificate.evidence.twins),
         counts=[(word, certificate.count(word)) for word in ("pass", "fail", "cannot tell")],
@@ -59,8 +60,14 @@ def sentence(certificate: Certificate) -> str:
         return f"The twin does not agree with the rig in {len(failed)} of {told} clauses that were decided: {'; '.join(failed)}."
     if not told:
         return "Nothing could be decided: no interval was narrow enough for its tolerance."
-    left = f" {open_} others could not be decided; each says why." if open_ else ""
-    return f"The twin agrees with the rig in all {told} clauses that were decided.{left}"
+    left = f" {_clauses(open_)} could not be decided: noise is too great for the tolerance." if open_ else ""
+    none = certificate.not_shown
+    unseen = f" {_clauses(none)} could not be measured in this recording." if none else ""
+    return f"The twin agrees with the rig in all {told} clauses that were decided.{left}{unseen}"
+
+
+def _clauses(count: int) -> str:
+    return f"{count} other clause{'' if count == 1 else 's'}"
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -90,6 +97,7 @@ def _shown(one: Judged) -> dict[str, Any]:
         "interval": interval,
         "tolerance": tolerance,
         "verdict": one.verdict,
+        "coverage": f"{100 * one.coverage:.1f}" if one.coverage < 1.0 else "",
         "slug": one.verdict.replace(" ", "-"),
         "remark": one.remark,
         "why": clause.why,

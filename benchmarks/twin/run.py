@@ -23,8 +23,8 @@ from .verdict import ALPHA, judged, with_tolerances
 __all__ = ["COLUMNS", "certified", "twin_kind_of", "write_certificate"]
 
 COLUMNS = (
-    "clause", "title", "unit", "real", "twin", "bound", "difference", "low", "high", "level", "tolerance", "verdict", "remark",
-    "tolerance_from", "follows", "cannot_show",
+    "clause", "title", "unit", "real", "twin", "bound", "difference", "low", "high", "level", "tolerance", "verdict", "coverage",
+    "remark", "tolerance_from", "follows", "cannot_show",
 )  # fmt: skip
 
 
@@ -60,8 +60,8 @@ def rows_of(certificate: Certificate) -> list[dict[str, Any]]:
         {
             "clause": one.clause.name, "title": one.clause.title, "unit": one.clause.unit, "real": one.real, "twin": one.twin,
             "bound": one.bound, "difference": one.real - one.twin, "low": one.low, "high": one.high, "level": one.level,
-            "tolerance": one.tolerance, "verdict": one.verdict, "remark": one.remark, "tolerance_from": one.clause.why,
-            "follows": one.clause.follows, "cannot_show": one.clause.cannot,
+            "tolerance": one.tolerance, "verdict": one.verdict, "coverage": one.coverage,
+            "remark": one.remark, "tolerance_from": one.clause.why, "follows": one.clause.follows, "cannot_show": one.clause.cannot,
         }
         for one in certificate.clauses
     ]  # fmt: skip

@@ -110,8 +110,20 @@ def _one(clause: Clause, found: tuple[float, float, float], half: float, level: 
         verdict, remark = "fail", clause.physics
     else:
         unit = "" if clause.unit == "1" else f" {clause.unit}"
-        remark = f"the interval, ± {half:.2g}{unit}, is too wide for the tolerance: record more repeats"
-    return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark)
+        # Noise falls with the root of the frames at best.
+        times = max(((half + abs(difference)) / tolerance) ** 2, 2.0)
+        remark = (
+            f"the interval, ± {half:.2g}{unit}, is too wide for the tolerance: record at least {_times(times)} times as many "
+            f"{clause.more}"
+        )
+    coverage = evidence.coverage.get(clause.name, 1.0)
+    return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark, coverage)
+
+
+def _times(value: float) -> str:
+    """A factor, rounded up to two digits."""
+    digit = 10.0 ** max(math.floor(math.log10(value)) - 1, 0)
+    return f"{math.ceil(value / digit) * digit:.0f}"
 
 
 def _above(clause: Clause, evidence: Evidence) -> Judged:
@@ -135,6 +147,7 @@ def _above(clause: Clause, evidence: Evidence) -> Judged:
         clause.absolute,
         verdict,
         remark,
+        evidence.coverage.get(clause.name, 1.0),
     )
 
 
@@ -142,4 +155,4 @@ def _untold(clause: Clause, evidence: Evidence) -> Judged:
     nan = math.nan
     why = evidence.why_not.get(clause.name, "the recording does not show it")
     real = clause.factor * evidence.real.get(clause.name, nan)
-    return Judged(clause, real, nan, nan, nan, nan, nan, nan, "cannot tell", why)
+    return Judged(clause, real, nan, nan, nan, nan, nan, nan, "cannot tell", why, nan)

@@ -1,6 +1,7 @@
 """The procedure "delay-scan": values of a gated rig from a scan of delays, each with its standard error.
 
-Input: one capture of a target that fills the image (a flat wall), every delay repeated, with frames of the laser off. It gives
+Input: one capture of a target that fills the image, every delay repeated, with frames of the laser off. Pixels that see two
+surfaces are left out of pulse, gate and t0 (`gated_single`); a flat wall has none. It gives
 
     gain × F²       slope of the photon transfer            F²              third cumulant over variance² (`gated_noise`)
     offset, read noise, DSNU, energy fluctuation            frames with the laser off, and whole frames
@@ -25,7 +26,8 @@ import xarray as xr
 from ...scenes.errors import InputError
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan, read_scan
-from .gated_widths import ResponseFit, delays_before, fit_response, surveyed_delay
+from .gated_single import fit_one_echo, lit_pixels
+from .gated_widths import ResponseFit, delays_before, surveyed_delay
 from .procedure import Calibrated, Figure, Procedure
 
 __all__ = ["DELAY_SCAN", "ScanValues", "delay_scan_values", "known_range"]
@@ -71,11 +73,11 @@ def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValu
         scan: of a target that fills the image. range_m: its surveyed ranges (row, col), None if unknown.
 
     Raises:
-        InputError: as `fit_response`; a declared rig without detector.
+        InputError: as `fit_one_echo`; a declared rig without detector.
     """
     rig = scan.rig
     noise, dark = noise_statistics(scan), dark_statistics(scan)
-    fit = fit_response(scan, known_s=None if range_m is None else surveyed_delay(scan, range_m))
+    fit = fit_one_echo(scan, known_s=None if range_m is None else surveyed_delay(scan, range_m))
     tube = rig.amplifier("detector.intensifier")
     slope, excess = noise["slope"], noise["excess"]
     told = rig.get("detector.intensifier") is not None and excess.sigma < _EXCESS_TOLD * excess.value
@@ -146,6 +148,8 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
         Figure(path.rpartition(".")[2], _unit(path), one.value, one.sigma, path, _NOTES.get(path, ""))
         for path, one in found.numbers.items()
     ]
+    lit = lit_pixels(found.fit)
+    used_pixels = lit & found.fit.single
     note = "" if found.told else "pulse and gate are not told apart: both are stretched as the response is"
     nan = math.nan
     figures += [
@@ -162,12 +166,20 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
             "mean of the delays before the echo",
         ),
         Figure(
-            "χ²/dof",
+            "one echo",
             "1",
-            float(np.mean(found.fit.chi2)) / max(found.fit.dof, 1),
+            float(used_pixels.sum()) / max(int(lit.sum()), 1),
             nan,
             "",
-            "of the fit of the response; 1 where it explains the scan",
+            "share of the lit pixels that one echo explains; pulse, gate and time zero are from these",
+        ),
+        Figure(
+            "χ²/dof",
+            "1",
+            float(np.mean(found.fit.chi2[used_pixels])) / max(found.fit.dof, 1),
+            nan,
+            "",
+            "of the fit of the response to these pixels; 1 where it explains the scan",
         ),
     ]
     values, sigmas = _shapes(scan, found)
@@ -176,6 +188,8 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
         "repeats": scan.repeats,
         "laser_off": len(scan.dark),
         "pixels": scan.counts.shape[2],
+        "lit_pixels": int(lit.sum()),
+        "lit_pixels_with_one_echo": int(used_pixels.sum()),
     }
     return Calibrated(tuple(figures), values, sigmas, used)
 

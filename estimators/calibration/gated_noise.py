@@ -59,10 +59,12 @@ class _Moments:
 def _k_statistics(values: Float) -> tuple[Float, Float]:
     """Unbiased variance and third cumulant over axis −2 of deviations from the mean."""
     n = values.shape[-2]
-    square = (values**2).sum(axis=-2) / (n - 1)
+    squares = values * values
+    square = squares.sum(axis=-2) / (n - 1)
     if n < 3:
         return square, np.full(square.shape, np.nan)
-    return square, n * (values**3).sum(axis=-2) / ((n - 1) * (n - 2))
+    squares *= values  # values**3 calls pow, which took half of a certificate's time
+    return square, n * squares.sum(axis=-2) / ((n - 1) * (n - 2))
 
 
 def _moments(scan: DelayScan) -> tuple[_Moments, Float]:

@@ -33,6 +33,7 @@ from .gated_scan import DelayScan
 __all__ = ["ResponseFit", "delays_before", "fit_response", "response_profile", "surveyed_delay", "time_bound_s"]
 
 Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 _STEPS = 5
 #: Steps below this many standard errors end the fit.
@@ -51,7 +52,9 @@ class ResponseFit:
         pulse, gate: stretch of the declared pulse and gate, 1 where they are right; NaN where they are not told apart.
         response: stretch of R as a whole. shift_s: common shift of the echo, s; NaN where every pixel has its own.
         tau_s, tau_sigma_s, amplitude, amplitude_sigma, still: per pixel; DN for the last three.
-        chi2: Σ of squared residuals over their variances, per pixel. dof: its degrees of freedom.
+        chi2: Σ of squared residuals over their variances, per pixel. dof: its degrees of freedom. frames: what light and time of
+        whole frames, which vary, add to chi2 in the mean, per pixel.
+        single: pixels that the stretches and the shift come from.
     """
 
     pulse: Found
@@ -65,6 +68,8 @@ class ResponseFit:
     still: Float
     chi2: Float
     dof: int
+    frames: Float
+    single: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,8 @@ class _Data:
     repeats: int
     delay_s: Float
     fluctuation: float
+    jitter_s: float
+    single: Mask
 
     def variance(self, mean: Float) -> Float:
         """Variance of a mean over repeats at a light level, DN²."""
@@ -121,13 +128,16 @@ def surveyed_delay(scan: DelayScan, range_m: npt.ArrayLike) -> Float:
     return np.asarray((path * rig.number("medium.group_index", above=0) / C_M_PER_S).ravel())
 
 
-def fit_response(scan: DelayScan, *, known_s: Float | None = None, light: Float | None = None) -> ResponseFit:
+def fit_response(
+    scan: DelayScan, *, known_s: Float | None = None, light: Float | None = None, single: Mask | None = None
+) -> ResponseFit:
     """Fit stretches of pulse and gate, and the time of the echo, to a scan.
 
     Main arguments:
         scan: of a target that fills the image. known_s: times of the echo (pixel), if the target was surveyed.
     Other arguments:
         light: counts above the dark level (delay, pixel) to fit instead of the scan's means, e.g. those that a model expects.
+        single: pixels (pixel) that stretches and shift are taken from, e.g. those with one echo (`gated_single`); all by default.
 
     Where pulse and gate are told apart, `response` is NaN; where not, these are, and the response is stretched as a whole.
 
@@ -144,6 +154,8 @@ def fit_response(scan: DelayScan, *, known_s: Float | None = None, light: Float 
         scan.repeats,
         scan.delay_s,
         max(varies, 0.0) if math.isfinite(varies) else 0.0,
+        float(scan.rig.get("laser.jitter_frame_s") or 0.0),  # a laboratory need not know it
+        np.ones(level.size, bool) if single is None else single,
     )
     nothing = Found(math.nan, math.nan)
     best = _fit(scan.rig, data, known_s, ("pulse", "gate"))
@@ -153,7 +165,7 @@ def fit_response(scan: DelayScan, *, known_s: Float | None = None, light: Float 
     return ResponseFit(
         best.common["pulse"] if told else nothing, best.common["gate"] if told else nothing,
         nothing if told else best.common["both"], best.common.get("shift", nothing),
-        best.tau, best.tau_sigma, best.amplitude, best.amplitude_sigma, best.still, best.chi2, best.dof,
+        best.tau, best.tau_sigma, best.amplitude, best.amplitude_sigma, best.still, best.chi2, best.dof, best.frames, data.single,
     )  # fmt: skip
 
 
@@ -167,6 +179,7 @@ class _Fitted:
     still: Float
     chi2: Float
     dof: int
+    frames: Float
 
 
 def _start(response: Response, data: _Data) -> Float:
@@ -188,7 +201,7 @@ def _fit(rig: DeclaredRig, data: _Data, known_s: Float | None, stretches: tuple[
     for step in range(steps + 1):
         own, columns, local = _design(rig, data, shared, tau + shift, known_s is None)
         weight = 1.0 / data.variance(own.mean)
-        solved = _solve(columns, local, own.residual, weight)
+        solved = _solve(columns, local, own.residual, weight, data.single)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(solved.normal), 1e-300))
         settled = step > 0 and bool((np.abs(solved.common) < _SETTLED * scale).all())
         if known_s is None:
@@ -218,8 +231,14 @@ def _fit(rig: DeclaredRig, data: _Data, known_s: Float | None, stretches: tuple[
     dof = data.y.shape[0] - local.shape[2]
     return _Fitted(
         common, tau + shift, tau_sigma, own.amplitude, sigma[:, 0], own.still,
-        np.asarray((weight * rest**2).sum(axis=0)), dof,
+        np.asarray((weight * rest**2).sum(axis=0)), dof, _frames(data, own, weight),
     )  # fmt: skip
+
+
+def _frames(data: _Data, own: _Own, weight: Float) -> Float:
+    """Σ_k W [(f y)² + (j a R′)²]/repeats of every pixel: f the relative rms of a frame's light, j that of its delay, s."""
+    moved = (data.fluctuation * (own.mean - own.still)) ** 2 + (data.jitter_s * own.amplitude * own.slope) ** 2
+    return np.asarray((weight * moved).sum(axis=0) / data.repeats)
 
 
 def _covariance(data: _Data, own: _Own, columns: Float, local: Float, weight: Float, solved: _Solved) -> Float:
@@ -228,7 +247,7 @@ def _covariance(data: _Data, own: _Own, columns: Float, local: Float, weight: Fl
     inverse = np.linalg.inv(solved.normal)
     cross = np.einsum("kpl,kp,kpc->plc", local, weight, columns)
     left = columns - np.einsum("kpl,plc->kpc", local, np.einsum("plm,pmc->plc", solved.inverse, cross))
-    frame = np.einsum("kpc,kp,kp->kc", left, weight, own.mean)
+    frame = np.einsum("kpc,kp,kp->kc", left, weight * data.single, own.mean)
     return np.asarray(inverse + inverse @ (frame.T @ frame) @ inverse * data.fluctuation**2 / data.repeats)
 
 
@@ -239,6 +258,7 @@ class _Own:
     still: Float
     mean: Float
     residual: Float
+    slope: Float
 
 
 def _design(
@@ -264,7 +284,7 @@ def _design(
     if not free:
         columns.append(amplitude * slope)
     local = [r, slope, np.ones_like(r)] if free else [r, np.ones_like(r)]
-    own = _Own(centre, amplitude, still, mean, data.y - mean)
+    own = _Own(centre, amplitude, still, mean, data.y - mean, slope)
     return own, np.stack(columns, axis=-1), np.stack(local, axis=-1)
 
 
@@ -290,15 +310,15 @@ class _Solved:
     inverse: Float
 
 
-def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Solved:
+def _solve(columns: Float, local: Float, residual: Float, weight: Float, single: Mask) -> _Solved:
     """One step of scoring with the pixels' own columns eliminated. A pixel without an echo, whose own columns are dependent,
-    is left out."""
+    is left out; pixels that are not `single` have no say in what is common."""
     wl = local * weight[..., None]
     inner = np.einsum("kpl,kpm->plm", wl, local)
     scale = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), 1e-300))
     unit = inner / scale[:, :, None] / scale[:, None, :]
     good = np.linalg.eigvalsh(unit)[:, 0] > 1e-9
-    if not good.any():
+    if not (good & single).any():
         raise InputError(
             "No pixel shows an echo within the scan.", where="counts", next_step="scan the delays of the target's echo"
         )
@@ -307,9 +327,10 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float) -> _Sol
     inverse[~good] = 0.0
     right = np.einsum("kpl,kp->pl", wl, residual)
     cross = np.einsum("kpl,kpc->plc", wl, columns)
-    wc = columns * (weight * good)[..., None]
-    normal = np.einsum("kpc,kpd->cd", wc, columns) - np.einsum("plc,plm,pmd->cd", cross, inverse, cross)
-    gradient = np.einsum("kpc,kp->c", wc, residual) - np.einsum("plc,plm,pm->c", cross, inverse, right)
+    wc = columns * (weight * (good & single))[..., None]
+    told = cross * single[:, None, None]
+    normal = np.einsum("kpc,kpd->cd", wc, columns) - np.einsum("plc,plm,pmd->cd", told, inverse, cross)
+    gradient = np.einsum("kpc,kp->c", wc, residual) - np.einsum("plc,plm,pm->c", told, inverse, right)
     common = np.linalg.solve(normal, gradient)
     own = np.einsum("plm,pm->pl", inverse, right - np.einsum("plc,c->pl", cross, common))
     return _Solved(common, own, normal, inverse)
@@ -333,7 +354,7 @@ def time_bound_s(scan: DelayScan, fit: ResponseFit) -> Float:
 
 
 def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[str, Any]:
-    """The response as measured, without a model of its shape: R/max R against u = τ − t, pooled over pixels in even bins.
+    """The response as measured, without a model of its shape: R/max R against u = τ − t, pooled over single pixels in even bins.
 
     Returns `u_s`, `value` and `sigma` (bin), the last two relative to the fitted amplitude; bins that no sample falls into
     are NaN. A pixel's τ and amplitude come from the fit, so that the profile shows where the measured shape leaves the
@@ -342,7 +363,7 @@ def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[
     y = scan.counts.astype(np.float64).mean(axis=1) - scan.dark.astype(np.float64).mean(axis=0) - fit.still
     spread = scan.counts.astype(np.float64).var(axis=1, ddof=1) / scan.repeats
     u = fit.tau_s[None, :] - scan.delay_s[:, None]
-    used = np.broadcast_to(fit.amplitude > 5.0 * fit.amplitude_sigma, u.shape)
+    used = np.broadcast_to(fit.single & (fit.amplitude > 5.0 * fit.amplitude_sigma), u.shape)
     edges = np.linspace(float(u[used].min(initial=0.0)), float(u[used].max(initial=1e-12)), bins + 1)
     place = np.clip(np.searchsorted(edges, u[used], side="right") - 1, 0, bins - 1)
     a = np.broadcast_to(fit.amplitude, u.shape)[used]
