@@ -90,9 +90,7 @@ def test_the_source_is_the_interval_before_the_last_gate(flowing: xr.Dataset) ->
     assert 0.49 < found["sigma_source"].values[0] < 0.9, "half of the interval, and the chance of another one"
 
 
-@pytest.mark.parametrize(
-    ("seeds", "low", "high"), [(1, 0.2, 1.9), pytest.param(4, 0.8, 1.1, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("seeds", "low", "high"), [(1, 0.2, 1.9), pytest.param(4, 0.8, 1.1, marks=pytest.mark.slow)])
 def test_the_error_of_the_source_is_the_stated_one(
     seeds: int, low: float, high: float, request: pytest.FixtureRequest
 ) -> None:
