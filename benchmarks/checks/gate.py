@@ -7,10 +7,12 @@ renderer (ten small gated scenes as one call). Every start of the three processe
 the same work as A (any alarm is false) and with more of the same work: 264 rows in place of 256 (+3.1 %), eleven scenes in
 place of ten (+10 %). `--load` starts processes that keep the cores busy.
 
-The starts are then dealt out to gates of 8, each of which may retry with 8 more. `real` gates share no start. `resampled`
-gates draw their starts with replacement from all: more of them, but not independent. A gate without a planted slowdown has
-both targets. `--judge` reads the pool and measures nothing. The pool may be continued. `--simulate` needs no pool: it draws the
-starts' and the cells' logarithms from normal laws of given scatter, and passes them through the same decision.
+The starts are then dealt out to gates of 8, each of which may retry with 8 more. `real` gates share no start. `first` gates share
+none either and do not retry: twice as many, and a false alarm is no rarer among them, as a retry can only take one back.
+`resampled` gates draw their starts with replacement from all: more of them, but not independent. A gate without a planted
+slowdown has both targets. `--judge` reads the pool and measures nothing. The pool may be continued.
+`--simulate` needs no pool: it draws the starts' and the cells' logarithms from normal laws of given scatter, and passes them
+through the same decision.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ import numpy as np
 
 from ..gate.check import ABSTAINS, PASS, REGRESSION, decided, measured
 from ..gate.sides import Paired, Side, any_core, typical
-from ..gate.speed import with_retry
+from ..gate.speed import speed_check, with_retry
 
 __all__ = ["Start", "judged", "main"]
 
@@ -117,15 +119,18 @@ def _measure(pool: Path, minutes: float, load: int) -> None:
             process.wait()
 
 
-def _gate(draw: Callable[[], Sequence[Start]], kind: str) -> dict[str, str]:
-    """The states of both targets in one gate whose starts come from `draw`."""
+def _gate(draw: Callable[[], Sequence[Start]], kind: str, retry: bool) -> dict[str, str]:
+    """The states of both targets in one gate whose starts come from `draw`: once for all targets, and anew for a repeated one."""
     names = list(TARGETS)
     states: dict[str, str] = {}
+    common = draw()
     for only in [names] if kind == "null" else [[name] for name in names]:
         effect = {name: TARGETS[name][2] for name in only}
+        seen = set[int]()
 
-        def measure(numbers: Sequence[int]) -> dict[int, Paired]:
-            starts = draw()
+        def measure(numbers: Sequence[int], seen: set[int] = seen) -> dict[int, Paired]:
+            starts = draw() if seen.intersection(numbers) else common
+            seen.update(numbers)
             return {
                 number: Paired(
                     np.array([one[names[number]][kind] for one in starts]),
@@ -138,18 +143,24 @@ def _gate(draw: Callable[[], Sequence[Start]], kind: str) -> dict[str, str]:
         found = {}
         for name in only:  # each target has its own effect; the correction is for all
             number = names.index(name)
-            found[name] = with_retry({number: name}, effect[name], measure)[number].check
+            if retry:
+                found[name] = with_retry({number: name}, effect[name], measure)[number].check
+            else:
+                found[name] = speed_check(name, measure([number])[number], effect[name]).check
         for name, check in zip(found, decided(list(found.values())), strict=True):
             states[name] = check.state
     return states
 
 
-def judged(starts: Sequence[Start], kind: str, *, resampled: int = 0, seed: int = 1) -> list[dict[str, str]]:
+def judged(
+    starts: Sequence[Start], kind: str, *, resampled: int = 0, seed: int = 1, retry: bool = True
+) -> list[dict[str, str]]:
     """States {target: state} of many gates, from disjoint starts or, with `resampled`, from draws with replacement."""
     rng = np.random.default_rng(seed)
     if resampled:
         return [
-            _gate(lambda: [starts[k] for k in rng.integers(0, len(starts), _STARTS)], kind) for _ in range(resampled)
+            _gate(lambda: [starts[k] for k in rng.integers(0, len(starts), _STARTS)], kind, retry)
+            for _ in range(resampled)
         ]
     left: Iterator[Start] = iter(starts)
 
@@ -162,7 +173,7 @@ def judged(starts: Sequence[Start], kind: str, *, resampled: int = 0, seed: int 
     found = []
     while True:
         try:
-            found.append(_gate(draw, kind))
+            found.append(_gate(draw, kind, retry))
         except StopIteration:
             return found
 
@@ -178,9 +189,9 @@ def _table(starts: Sequence[Start], loads: Sequence[float]) -> None:
             f"{100 * spread[0]:.2f} %, B/A {100 * spread[1]:.2f} %"
         )
     print(f"{'gates':10} {'kind':8} {'target':8} {'number':>7} {'red':>6} {'passes':>7} {'abstains':>9}")
-    for word, number in (("real", 0), ("resampled", _RESAMPLED)):
+    for word, number, retry in (("real", 0, True), ("first", 0, False), ("resampled", _RESAMPLED, True)):
         for kind in ("null", "planted"):
-            gates = judged(starts, kind, resampled=number)
+            gates = judged(starts, kind, resampled=number, retry=retry)
             for name in TARGETS:
                 states = [gate[name] for gate in gates]
                 print(
