@@ -76,10 +76,11 @@ def tried(seed: int, draws: int, faults: tuple[str, ...] = tuple(FAULTS)) -> tup
     first = scan_half(read_scan(capture), 0)
     base = twin_scene(capture, None, {}, settings_of(first))
     right, _ = calibrated_half(read_with_rig_of(base, first), None, base)
-    verdicts, coverage = {}, 1.0
+    verdicts: dict[str, dict[str, str]] = {}
+    coverage = 1.0
     for name, rig in {"right": right, **{name: FAULTS[name][1](right) for name in faults}}.items():
         found = certified(capture, Ask(rig, None, None, draws, 1000 * seed + 1, ()))
-        verdicts[name] = {one.clause.name: one.verdict for one in found.clauses}
+        verdicts[name] = {one.clause.name: str(one.verdict) for one in found.clauses}
         if name == "right":
             coverage = next(one.coverage for one in found.clauses if one.clause.name == "residual")
     return verdicts, coverage
