@@ -51,7 +51,7 @@ def test_the_registry_is_not_empty() -> None:
 
 
 #: Estimators whose laws take long, and every which of them the default run tries.
-LONG = {"spectrum-reml": 8, "deblur-tv": 4, "calibrate-board": 4}
+LONG = {"spectrum-reml": 12, "deblur-tv": 4, "calibrate-board": 4}
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in LONG])
