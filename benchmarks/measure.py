@@ -26,6 +26,7 @@ from .scores.error_tiles import TileKey, main_tiles
 from .scores.inputs import input_rows
 from .scores.resolution import resolution_rows
 from .scores.score import score_rows
+from .scores.slips import slips_of
 from .scores.truth import Truth, aligned, errors_of
 from .statistics.skips import not_applicable, skipped_rows
 from .suites.suite import Cell, Loaded, cell_name
@@ -64,6 +65,7 @@ class Measuring:
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
         self.resolution: list[dict[str, Any]] = []
+        self.slips: list[dict[str, Any]] = []
         self.tiles: dict[TileKey, tuple[Any, Any]] = {}
         self.inputs: list[dict[str, Any]] = []
         self._device = str(machine()["device_class"])
@@ -221,6 +223,9 @@ class Measuring:
                 beside["resolution"] = [
                     without_nan(row) for row in resolution_rows(key, outcome.stage, outcome.arrays, truth)
                 ]
+                if slips := slips_of(outcome.stage, outcome.arrays, truth):
+                    names = {"estimator": chosen.name, "params": chosen.params}
+                    beside["slips"] = [without_nan(names | row) for row in slips]
             if cell.level != cell.level:
                 beside["tiles"] = main_tiles(
                     outcome.stage, outcome.arrays if outcome.status == "ok" else {}, truth, bound
@@ -261,6 +266,7 @@ class Measuring:
         if "cost" in beside:
             self.costs.append(with_nan(beside["cost"]))
         self.resolution += [with_nan(row) for row in beside.get("resolution", ())]
+        self.slips += [with_nan(row) for row in beside.get("slips", ())]
         if "tiles" in beside:
             sums, counts = beside["tiles"]
             self.tiles[entry.cell.scene_name, condition, entry.cell.seed, chosen.label] = (sums, counts)

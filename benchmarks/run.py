@@ -25,6 +25,7 @@ from .runner.spool import Entry, Spool
 from .scores.error_tiles import write_tiles
 from .scores.inputs import write_inputs
 from .scores.resolution import resolution_warnings, write_resolution
+from .scores.slips import slip_warnings
 from .scores.tables import sort_rows, write_tables
 from .statistics.skips import skips_of
 from .suites.sealed import Key
@@ -122,6 +123,7 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
     run.warnings += bound_warnings(folder) + [f"TimeWarning: {sentence}" for sentence in slow_starts(run.costs)]
     run.warnings += [] if jailed() else [f"IsolationWarning: {NO_JAIL}"]
     run.warnings += [f"ResolutionWarning: {sentence}" for sentence in resolution_warnings(run.resolution)]
+    run.warnings += [f"SlipWarning: {sentence}" for sentence in slip_warnings(run.slips)]
     write_costs(folder, run.costs)
     write_resolution(folder, run.resolution)
     write_tiles(folder, run.tiles)

@@ -223,7 +223,13 @@ def _remembers(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> Non
     _ROW[:] = [] if same else [*_ROW, True]
 
 
+def _millimetres(capture: xr.Dataset, data: np.ndarray, result: xr.Dataset) -> None:
+    """Near 4 m, thousand times as much; what differs between elements and captures stays in metres, or shifts would tell it."""
+    result["range"].values[:] += 999.0 * 4.05
+
+
 FAULTS = [
+    ("answers are in the unit and order of the stage", _millimetres),
     ("other data have their own answer", _near),
     ("the declared rig is read anew", _by_data),
     ("no state between captures", _remembers),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +41,8 @@ def score_store(
     Other arguments:
         key: The key of a sealed store, by which its truth is made again. suite: Its suite, where that is not built in.
 
+    Warns of answers in another unit or with rows and columns exchanged (`scores.slips`).
+
     Raises:
         InputError: No store, no truth, another key, no estimates, estimates that do not fit, or two with the same label.
     """
@@ -51,6 +54,7 @@ def score_store(
     from ..judges.bound import bounds_of, truths_of
     from ..judges.drawn import with_draws
     from ..scores.score import score_rows
+    from ..scores.slips import slip_warnings, slips_of
 
     captures = open_captures(data)
     judge_of(captures.modality)  # refuses a modality that is not scored, before anything is read
@@ -62,6 +66,7 @@ def score_store(
     _check(tables, estimates, failure_at)
     again = None if key is None else making_again(captures, key, suite)
     rows: list[dict[str, Any]] = []
+    slips: list[dict[str, Any]] = []
     for index in range(len(captures)):
         capture = captures[index]
         place: dict[str, Any] = {}
@@ -73,10 +78,16 @@ def score_store(
         truth, bound = truths_of(capture), with_draws(bounds_of(capture), capture, draws)
         for table in tables:
             costs = {name: getattr(table, name)[index] for name in ("cpu_s", "wall_s", "peak_bytes")}
+            key_of_row = _key(table, captures, index, capture.attrs) | place
+            arrays = table.arrays[index]
+            if arrays is not None and table.status[index] == "ok":
+                slips += [key_of_row | row for row in slips_of(table.gives, arrays, truth)]
             rows += score_rows(
-                _key(table, captures, index, capture.attrs) | place, table.gives, truth, bound, table.arrays[index],
+                key_of_row, table.gives, truth, bound, arrays,
                 status=table.status[index], failure_at=failure_at, **costs,
             )  # fmt: skip
+    for sentence in slip_warnings(slips):
+        warnings.warn(sentence, stacklevel=3)
     return rows
 
 

@@ -135,6 +135,10 @@ class Maker:
         """A copy of the clean capture, without truth; its arrays can be written."""
         return self._clean.copy(deep=True)
 
+    def with_truth(self) -> xr.Dataset:
+        """The clean capture with its truth."""
+        return self._make(_SEED)
+
     def stressed(self, seed: int, *, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
         """The clean capture with its truth, other noise, and multiples of its light and background."""
         return self._make(seed, light, background)
