@@ -29,6 +29,7 @@ from .scores.score import score_rows
 from .scores.slips import slips_of
 from .scores.truth import Truth, aligned, errors_of
 from .statistics.skips import not_applicable, skipped_rows
+from .suites.declared import told_condition
 from .suites.suite import Cell, Loaded, cell_name
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ class Measuring:
         self.journal = journal
         for part in ("captures", "pictures"):
             (folder / part).mkdir(exist_ok=True)
+        self._scenes = dict(loaded.scenes)
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
         self.resolution: list[dict[str, Any]] = []
@@ -102,9 +104,14 @@ class Measuring:
         )
         entry = spool.add(index, cell, capture, self._conditions(cell, capture), truths_of(capture), bounds)
         self.inputs += input_rows(
-            cell, {name: content_id(entry.sums, name) for name in self.loaded.conditions(cell.scene_name)}
+            cell,
+            {self._told(cell, name): content_id(entry.sums, name) for name in self.loaded.conditions(cell.scene_name)},
         )
         return entry
+
+    def _told(self, cell: Cell, condition: str) -> str:
+        """The name of a condition in tables, by the scene as the suite names it: stresses do not change it."""
+        return told_condition(condition, self._scenes[cell.scene_name])
 
     def _store(self, cell: Cell) -> Path:
         return self.folder / "captures" / f"{_name(cell)}.zarr"
@@ -207,7 +214,7 @@ class Measuring:
             self.cache.put(outcome, chosen)
         key = {
             "suite": self.suite.suite, "scene": cell.scene_name, "stress": cell.stress, "level": cell.level,
-            "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": job.condition,
+            "stress2": cell.stress2, "level2": cell.level2, "seed": cell.seed, "condition": self._told(cell, job.condition),
             "estimator": chosen.name, "params": chosen.params,
         }  # fmt: skip
         rows = score_rows(
@@ -237,7 +244,8 @@ class Measuring:
         elif outcome.status != "ok":
             message = outcome.status + (f"\n{outcome.printed}" if outcome.printed.strip() else "")
             self.failures.append({
-                "estimator": chosen.label, "scene": cell.scene_name, "condition": job.condition, "message": message,
+                "estimator": chosen.label, "scene": cell.scene_name, "condition": self._told(cell, job.condition),
+                "message": message,
             })  # fmt: skip
         elif self._shown(cell, job.condition):
             self._draw(cell, chosen, outcome, truth)
@@ -254,7 +262,7 @@ class Measuring:
             return
         truth = truths[quantity.name]
         value, _, valid = aligned(outcome.arrays, outcome.stage, quantity, truth.value.shape)
-        place = Place(cell.scene_name, chosen.label, outcome.job.condition)
+        place = Place(cell.scene_name, chosen.label, self._told(cell, outcome.job.condition))
         images = [array[index] for array in (value, valid, truth.value, errors_of(value, truth))]
         write_picture(self.folder / "pictures", place, quantity, *images)
 
@@ -269,7 +277,10 @@ class Measuring:
         self.slips += [with_nan(row) for row in beside.get("slips", ())]
         if "tiles" in beside:
             sums, counts = beside["tiles"]
-            self.tiles[entry.cell.scene_name, condition, entry.cell.seed, chosen.label] = (sums, counts)
+            self.tiles[entry.cell.scene_name, self._told(entry.cell, condition), entry.cell.seed, chosen.label] = (
+                sums,
+                counts,
+            )
 
     def _shown(self, cell: Cell, condition: str) -> bool:
         """Whether the page shows a cell: unchanged scenes, first seed, first condition."""

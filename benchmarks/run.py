@@ -28,6 +28,7 @@ from .scores.resolution import resolution_warnings, write_resolution
 from .scores.slips import slip_warnings
 from .scores.tables import sort_rows, write_tables
 from .statistics.skips import skips_of
+from .suites.declared import declared_note
 from .suites.sealed import Key
 from .suites.spec import Split, check_split
 from .suites.suite import Cell, cells_of, check_rungs, load_suite
@@ -124,6 +125,7 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
     run.warnings += [] if jailed() else [f"IsolationWarning: {NO_JAIL}"]
     run.warnings += [f"ResolutionWarning: {sentence}" for sentence in resolution_warnings(run.resolution)]
     run.warnings += [f"SlipWarning: {sentence}" for sentence in slip_warnings(run.slips)]
+    run.warnings += [f"DeclaredWarning: {note}" for _, scene in loaded.scenes if (note := declared_note(scene))]
     write_costs(folder, run.costs)
     write_resolution(folder, run.resolution)
     write_tiles(folder, run.tiles)

@@ -11,6 +11,7 @@ from ...estimators.labels import parse_label, split_label
 from ...scenes.errors import InputError
 from ...scenes.forks import refuse_forked
 from ...scenes.json_keys import read_json
+from ..suites.declared import MATCHED, declared_note, told_condition
 from .sealed import making_again, seal_of
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from ...captures import CaptureSet
     from ...captures.estimates import Estimates
+    from ...scenes.scene import Scene
     from ..suites.sealed import Key
     from ..suites.spec import Draw
 
@@ -41,7 +43,8 @@ def score_store(
     Other arguments:
         key: The key of a sealed store, by which its truth is made again. suite: Its suite, where that is not built in.
 
-    Warns of answers in another unit or with rows and columns exchanged (`scores.slips`).
+    Warns of answers in another unit or with rows and columns exchanged (`scores.slips`), and of a rig that is declared otherwise
+    than it is (`suites.declared`).
 
     Raises:
         InputError: No store, no truth, another key, no estimates, estimates that do not fit, or two with the same label.
@@ -50,6 +53,7 @@ def score_store(
     from ...captures import open_captures
     from ...captures.estimates import list_estimates, read_estimates
     from ...captures.sizes import sizes_of
+    from ..bounds.instrument import true_scene
     from ..judges import judge_of
     from ..judges.bound import bounds_of, truths_of
     from ..judges.drawn import with_draws
@@ -67,6 +71,7 @@ def score_store(
     again = None if key is None else making_again(captures, key, suite)
     rows: list[dict[str, Any]] = []
     slips: list[dict[str, Any]] = []
+    notes: dict[str, None] = {}
     for index in range(len(captures)):
         capture = captures[index]
         place: dict[str, Any] = {}
@@ -75,10 +80,12 @@ def score_store(
             cell, capture, draws = again(index, capture)
             place = {"scene": cell.scene_name, "seed": cell.seed}
         _refuse_untrue(capture, f"{data}, capture {index}")
+        scene = true_scene(capture) if isinstance(capture.attrs.get("truth_scene"), str) else None
+        notes |= dict.fromkeys([declared_note(scene)] if scene is not None else [])
         truth, bound = truths_of(capture), with_draws(bounds_of(capture), capture, draws)
         for table in tables:
             costs = {name: getattr(table, name)[index] for name in ("cpu_s", "wall_s", "peak_bytes")}
-            key_of_row = _key(table, captures, index, capture.attrs) | place
+            key_of_row = _key(table, captures, index, capture.attrs, scene) | place
             arrays = table.arrays[index]
             if arrays is not None and table.status[index] == "ok":
                 slips += [key_of_row | row for row in slips_of(table.gives, arrays, truth)]
@@ -86,7 +93,7 @@ def score_store(
                 key_of_row, table.gives, truth, bound, arrays,
                 status=table.status[index], failure_at=failure_at, **costs,
             )  # fmt: skip
-    for sentence in slip_warnings(slips):
+    for sentence in (*filter(None, notes), *slip_warnings(slips)):
         warnings.warn(sentence, stacklevel=3)
     return rows
 
@@ -112,7 +119,9 @@ def _check(tables: list[Estimates], estimates: Path, failure_at: float | None) -
         )
 
 
-def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, Any]) -> dict[str, Any]:
+def _key(
+    table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, Any], scene: Scene | None
+) -> dict[str, Any]:
     """The columns that say what was scored."""
     name, params = split_label(table.label)
     return {
@@ -123,7 +132,7 @@ def _key(table: Estimates, captures: CaptureSet, index: int, attrs: dict[str, An
         "stress2": "none",
         "level2": math.nan,
         "seed": captures.number(index),
-        "condition": "matched",
+        "condition": MATCHED if scene is None else told_condition(MATCHED, scene),
         "estimator": name,
         "params": params,
     }

@@ -1,8 +1,8 @@
 """Slips of whoever wrote an answer, seen by what mends it: another unit, or rows and columns exchanged.
 
 A change is told where the median error of the answered elements falls by `UNIT_FALL` or `ORDER_FALL` when it is made, and ends
-below half of the median truth. A bad method has no such error: it is not smaller in another unit or order. Scores are those of the answer as it
-stands; a slip is a warning, never a correction.
+below half of the median truth. A bad method has no such error: it is not smaller in another unit or order. Scores are those of the
+answer as it stands; a slip is a warning, never a correction.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ def slip_warnings(rows: Iterable[Mapping[str, Any]]) -> list[str]:
         held.setdefault((label, str(row["quantity"]), str(row["slip"])), []).append(row)
     return [
         f"{label}: the {quantity} seems to be {slip}; the error of {sum(int(row['elements']) for row in found):,} elements falls "
-        f"from {_mean(found, 'before'):.3g} to {_mean(found, 'after'):.3g} in the median when that is mended. Scores are those of the "
-        "answer as it stands"
+        f"from {_mean(found, 'before'):.3g} to {_mean(found, 'after'):.3g} in the median when that is mended. Scores are those of "
+        "the answer as it stands"
         for (label, quantity, slip), found in held.items()
         if sum(int(row["elements"]) for row in found) >= LEAST_ELEMENTS
     ]
