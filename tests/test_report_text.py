@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import struct
 import zlib
 from pathlib import Path
@@ -16,8 +17,9 @@ from beambench.benchmarks.report.cell import common_noun
 from beambench.benchmarks.report.data import base_cells, cells_of
 from beambench.benchmarks.report.front import mark_front
 from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
+from beambench.benchmarks.report.numbers import number, rate, time_text
 from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, value_limits
-from beambench.benchmarks.report.text import closing_lines, number, rank, rate, summary, time_text
+from beambench.benchmarks.report.text import closing_lines, rank, summary
 from beambench.benchmarks.scores.tables import read_scores
 from beambench.captures.layouts import LAYOUTS, layout_of
 
@@ -375,3 +377,12 @@ def test_every_quantity_of_more_elements_than_its_capture_has_names_them() -> No
         for quantity in layout.quantities:
             same = set(quantity.element_dims) - {"return"} <= {*layout.element}
             assert same or quantity.noun, (layout.name, quantity.name)
+
+
+def test_without_times_nothing_is_said_of_speed_and_a_vast_multiple_has_no_digits() -> None:
+    """Estimates of another program may state no times."""
+    table = _chain_rows().iloc[:1].assign(cpu_s=math.nan, wall_s=math.nan, throughput=math.nan, rmse_full=5.0)
+    table = table.assign(bound=5.0 / 3779814.79, bound_kind="exact")
+    lines, told = closing_lines(table), summary(table)
+    assert "over a million x the exact bound" in lines[0]
+    assert not any("CPU" in line or "fastest" in line or "–" in line for line in lines + told)

@@ -82,7 +82,7 @@ def _score_text(table: pd.DataFrame, given: Arguments) -> None:
 
 
 def _scored(cell: Cell, factor: float) -> tuple[str, ...]:
-    from ..benchmarks.report.text import number, rate, time_text
+    from ..benchmarks.report.numbers import number, rate, time_text
 
     return (
         cell.label,

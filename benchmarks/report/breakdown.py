@@ -11,8 +11,8 @@ from typing import Any
 
 from ..folders.files import write_atomic, write_text
 from .charts import finished, svg_of
+from .numbers import rate
 from .styles import Style, styles_of
-from .text import rate
 
 __all__ = ["TABLE_HEAD", "breakdown_table", "curve_name", "page_section", "read_breakdown", "save_maps"]
 

@@ -17,8 +17,8 @@ from .cell import Cell, common_noun
 from .data import unit_scale
 from .front import SUSPECT
 from .layout import HEIGHT, WIDTH, log_domain, log_ticks, place_labels
+from .numbers import number, rate, span
 from .styles import Style, styles_of
-from .text import number, rate, span
 
 __all__ = [
     "CHOSEN", "STILLS", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative", "save_charts",

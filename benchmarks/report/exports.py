@@ -9,8 +9,8 @@ from .cell import Cell, common_noun
 from .charts import panel_title, panels_of
 from .citations import citations_of, latex
 from .data import unit_scale
+from .numbers import number, rate, span, time_text
 from .table_csv import table_csv
-from .text import number, rate, span, time_text
 
 __all__ = ["EXPORTS", "write_exports"]
 

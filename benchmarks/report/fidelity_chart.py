@@ -13,8 +13,9 @@ from ...scenes.errors import InputError
 from ..scores.tables import read_numbers
 from .charts import Spec, finished, quantitative
 from .layout import HEIGHT, WIDTH, log_domain, log_ticks
+from .numbers import rate
 from .styles import PALETTE, SHAPES
-from .text import listed, rate
+from .text import listed
 
 __all__ = ["effects_of", "effects_spec", "effects_words", "read_rungs", "rungs_spec"]
 

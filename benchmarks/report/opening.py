@@ -16,9 +16,10 @@ from .cell import common_noun
 from .charts import panel_title, panels_of, speed_accuracy_spec, svg_of
 from .data import Cell, unit_scale
 from .fidelity_chart import effects_of, effects_spec, effects_words, read_rungs, rungs_spec
+from .numbers import number, time_text
 from .stress_chart import stress_groups, stress_spec
 from .styles import Style
-from .text import listed, number, time_text
+from .text import listed
 
 __all__ = ["Charts", "charts_of"]
 

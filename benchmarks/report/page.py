@@ -21,6 +21,7 @@ from .charts import STILLS, VERDICT_MARKS, save_charts
 from .data import base_cells, cells_of, read_run, seeds_of, unit_scale
 from .exports import EXPORTS, write_exports
 from .front import mark_front
+from .numbers import count_text, rate
 from .opening import charts_of
 from .pairs import pairs_section
 from .picture_section import picture_scenes, reliefs_of
@@ -30,7 +31,7 @@ from .stress_chart import static_stresses
 from .styles import Style, styles_of
 from .table import score_table, sorted_cells
 from .table_csv import table_csv
-from .text import failures_of, rank, rate, skips_of_cells, summary
+from .text import failures_of, rank, skips_of_cells, summary
 
 __all__ = ["write_report"]
 
@@ -188,7 +189,7 @@ def _counts(table: Any, cells: list[Cell]) -> list[tuple[str, str]]:
     }
     elements = table.groupby(["scene", "seed", "stress", "level", "stress2", "level2", "quantity"])["n"].max().sum()
     counts = [(str(count), name if count == 1 else name + "s") for name, count in counted.items()]
-    return [*counts, (f"{elements / 1e6:.2f} M", f"{common_noun(cells)}s with truth")]
+    return [*counts, (count_text(elements), f"{common_noun(cells)}s with truth")]
 
 
 def _failures(cells: list[Cell], run: dict[str, Any]) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scores.tables import read_numbers
-from .text import number, span
+from .numbers import number, span
 
 __all__ = ["pairs_section"]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .numbers import number, rate
 from .pictures import DIVERGING, MAX_SIDE, SEQUENTIAL, Picture, css_gradient, data_uri, error_limit, png, value_limits
 from .surfaces import SIDE, coarse, packed, relief
-from .text import number, rate
 
 __all__ = ["BUDGET", "RELIEF_BUDGET", "picture_scenes", "reliefs_of"]
 

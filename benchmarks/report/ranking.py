@@ -9,7 +9,8 @@ from ...estimators.labels import label_of
 from ..scores.resolution import gives_up, pooled_response, read_resolution
 from ..scores.tables import read_numbers
 from .data import shown_as
-from .text import number, plural, rate, span
+from .numbers import number, rate, span
+from .text import plural
 
 __all__ = ["ranking_section", "read_pairs", "read_ranking"]
 

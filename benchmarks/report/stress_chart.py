@@ -10,8 +10,8 @@ from .cell import Cell, common_noun
 from .charts import Spec, chosen_opacity, finished, quantitative, svg_of
 from .data import by_quantity
 from .layout import HEIGHT, WIDTH
+from .numbers import rate
 from .styles import Style, styles_of
-from .text import rate
 
 __all__ = ["static_stresses", "stress_groups", "stress_spec"]
 

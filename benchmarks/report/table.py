@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .data import Cell, unit_scale
-from .text import number, rate, span, time_text
+from .numbers import number, rate, span, timed_text
 
 __all__ = ["score_table", "sorted_cells"]
 
@@ -39,7 +39,7 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
             (cell.z_rms, number(cell.z_rms)),
             (cell.cover95, rate(cell.cover95)),
             (cell.failure_rate, rate(cell.failure_rate)),
-            (cell.cpu_per_element_s, time_text(cell.cpu_per_element_s) + _scatter(cell)),
+            (cell.cpu_per_element_s, timed_text(cell.cpu_per_element_s, cell.cpu_lo, cell.cpu_hi)),
             (cell.throughput / 1e6, number(cell.throughput / 1e6)),
             (cell.peak_bytes / 2**20, number(cell.peak_bytes / 2**20)),
         ]
@@ -62,12 +62,6 @@ def score_table(cells: list[Cell]) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _scatter(cell: Cell) -> str:
-    """Half the interval of the time, in per cent."""
-    half = 0.5 * (cell.cpu_hi - cell.cpu_lo) / cell.cpu_per_element_s if cell.cpu_per_element_s > 0 else float("nan")
-    return f" ± {rate(half)}" if half == half else ""
 
 
 def sorted_cells(cells: list[Cell]) -> list[Cell]:

@@ -12,13 +12,13 @@ from ..statistics.skips import skip_reason
 from .above_bound import above_bound
 from .cell import Cell, common_noun
 from .data import base_cells, by_quantity, cells_of, seeds_of, unit_scale
+from .numbers import number, rate, time_text, times_text
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "Ranked", "beaten_by_best", "closing_lines", "failures_of", "listed", "number", "plural", "rank", "rate", "skips_of_cells",
-    "span", "summary", "time_text",
+    "Ranked", "beaten_by_best", "closing_lines", "failures_of", "listed", "plural", "rank", "skips_of_cells", "summary",
 ]  # fmt: skip
 
 
@@ -203,10 +203,12 @@ def _of_each(groups: Mapping[str, list[Cell]], tried: str) -> list[str]:
         factor, unit = unit_scale(example)
         least = f"{name}: {best.label} has the smallest error, down to {number(example.rmse_full * factor)} {unit}"
         time = f"{time_text(fastest.cpu_per_element_s)} of CPU time per {common_noun(cells)}"
-        if fastest.label == best.label:
+        if not fastest.cpu_per_element_s > 0:  # estimates of another program, which states no times
+            said.append(f"{least}.")
+        elif fastest.label == best.label:
             said.append(f"{least}; it is also the fastest, {time}.")
         else:
-            ratio = number(fastest.error_ratio)
+            ratio = times_text(fastest.error_ratio)
             said.append(f"{least}; {fastest.label} is the fastest, {time} at {ratio} times the smallest error.")
     return said
 
@@ -217,7 +219,9 @@ def _of_one(base: list[Cell], ranked: list[Ranked], pairs: Sequence[Mapping[str,
     example = min((c for c in base if c.label == best.label and c.ok), key=lambda c: c.rmse_full, default=None)
     factor, unit = unit_scale(example) if example else (1.0, "")
     detail = f": down to {number(example.rmse_full * factor)} {unit} ({example.scene})" if example else ""
-    near = f", on average {best.bound_ratio:.2f} times the exact bound" if math.isfinite(best.bound_ratio) else ""
+    near = (
+        f", on average {_of_bound(best.bound_ratio)} times the exact bound" if math.isfinite(best.bound_ratio) else ""
+    )
     beaten, others, basis = beaten_by_best(base, ranked, pairs)
     claim = "is the most accurate" if beaten == others > 0 else "has the smallest error"
     if beaten == others:
@@ -227,13 +231,15 @@ def _of_one(base: list[Cell], ranked: list[Ranked], pairs: Sequence[Mapping[str,
     else:
         doubt = "; too few scenes to say which differences are significant"
     first = f"On {tried}, {best.label} {claim}{detail}{near}{doubt}."
+    if not fastest.cpu_per_element_s > 0:
+        return [first]
     if fastest.label == best.label:
         second = f"It is also the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun}."
     else:
         second = (
             f"{fastest.label} is the fastest, with {time_text(fastest.cpu_per_element_s)} of CPU time per {noun} "
-            f"({number(best.cpu_per_element_s / fastest.cpu_per_element_s)} times less than {best.label}) "
-            f"at {number(fastest.error_ratio)} times the smallest error."
+            f"({times_text(best.cpu_per_element_s / fastest.cpu_per_element_s)} times less than {best.label}) "
+            f"at {times_text(fastest.error_ratio)} times the smallest error."
         )
     return [first, second]
 
@@ -299,16 +305,22 @@ def _leaders(cells: list[Cell], where: str, pairs: Sequence[Mapping[str, Any]], 
         return [f"best     {of}none: {fallen}"] if fallen else []
     best, fastest = ranked[0], _fastest(ranked)
     ratio = best.bound_ratio
-    near = f", {f'{ratio:.2f}' if ratio < 100.0 else number(ratio)} x the exact bound" if math.isfinite(ratio) else ""
-    speed = f"{time_text(best.cpu_per_element_s)} CPU per {noun}"
+    near = f", {_of_bound(ratio)} x the exact bound" if math.isfinite(ratio) else ""
+    speed = f", {time_text(best.cpu_per_element_s)} CPU per {noun}" if best.cpu_per_element_s > 0 else ""
     own = [row for row in pairs if row.get("quantity", cells[0].quantity) == cells[0].quantity]
     beaten, others, basis = beaten_by_best(cells, ranked, own)
     doubt = f", {beaten} of {plural(others, 'other')} significantly worse {basis}".rstrip() if others else ""
     return [
-        f"best     {of}{best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}, {speed}",
+        f"best     {of}{best.label}: smallest error over {plural(best.cells, 'cell')}{where}{doubt}{near}{speed}",
+    ] + [
         f"fastest  {of}{fastest.label}: {time_text(fastest.cpu_per_element_s)} CPU per {noun}, "
-        f"{number(fastest.error_ratio)} x the smallest error",
-    ]
+        f"{times_text(fastest.error_ratio)} x the smallest error",
+    ] * (fastest.cpu_per_element_s > 0)
+
+
+def _of_bound(ratio: float) -> str:
+    """A multiple of the bound, with two digits behind the point: 1.04 and 1.004 differ little."""
+    return f"{ratio:.2f}" if ratio < 100.0 else times_text(ratio)
 
 
 def _standing(cells: list[Cell]) -> tuple[list[Ranked], str]:
@@ -338,42 +350,3 @@ def listed(names: list[str], most: int = 4) -> str:
 def plural(count: int, noun: str) -> str:
     """`1 scene`, `3 scenes`."""
     return f"{count} {noun}" + ("" if count == 1 else "s")
-
-
-def number(value: float, digits: int = 3) -> str:
-    """A number with `digits` significant digits, without an exponent unless it is very small or large; a dash for NaN."""
-    if not math.isfinite(value):
-        return "–"
-    if value == 0:
-        return "0"
-    size = math.floor(math.log10(abs(value)))
-    if not -4 <= size < 6:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(0, digits - 1 - size)}f}"
-
-
-def span(low: float, high: float) -> str:
-    """` [low, high]`, or an empty text where an end is unknown."""
-    return f" [{number(low)}, {number(high)}]" if math.isfinite(low) and math.isfinite(high) else ""
-
-
-def rate(value: float) -> str:
-    """A share in per cent. A share below one is never rounded to 100 %, nor one above zero to 0 %."""
-    if not math.isfinite(value):
-        return "–"
-    text = f"{100 * value:.1f}"
-    if text == "100.0":
-        return "100 %" if value >= 1 else "> 99.9 %"
-    if text == "0.0":
-        return "0 %" if value <= 0 else "< 0.1 %"
-    return f"{text} %"
-
-
-def time_text(seconds: float) -> str:
-    """A time in a suitable unit, ns to s."""
-    if not (math.isfinite(seconds) and seconds > 0):
-        return "–"
-    for factor, unit in ((1e9, "ns"), (1e6, "µs"), (1e3, "ms")):
-        if seconds * factor < 1000:
-            return f"{number(seconds * factor)} {unit}"
-    return f"{number(seconds)} s"
