@@ -3,11 +3,13 @@
 Attributes: `schema_version` = 1, `estimator` (label; default: the file's name), `modality`, `stage` (default: the first of the
 modality), and `captures_sha256`, the sha256 of the manifest of the captures that were read (`beambench export` copies it).
 Datasets with a leading capture axis: the variables of the stage, such as `range` and `sigma` (capture, row, col) float, m, and
-`valid` (capture, row, col) bool or 0/1; optional `cpu_s`, `wall_s`, `peak_bytes` (capture) and `status` (capture) text.
+`valid` (capture, row, col) bool or 0/1; `sigma` may be missing (no errors are stated); optional `cpu_s`,
+`wall_s`, `peak_bytes` (capture) and `status` (capture) text.
 """
 
 from __future__ import annotations
 
+import difflib
 import math
 import warnings
 import zlib
@@ -33,6 +35,8 @@ __all__ = ["Estimates", "EstimatesOutput", "estimates_output", "list_estimates",
 SCHEMA_VERSION = 1
 #: Longest dimension that an estimator may choose.
 _LONGEST = 65536
+#: Most arrays that an error message looks through.
+_MOST_NAMES = 1000
 
 
 @dataclass(frozen=True)
@@ -153,8 +157,16 @@ def list_estimates(source: Path) -> list[Path]:
     """The files of estimates in a folder, or the one file given.
 
     Raises:
-        InputError: there are none.
+        InputError: there are none, or nothing of that name.
     """
+    if not source.exists():
+        there = sorted(path.name for path in source.parent.glob("*")) if source.parent.is_dir() else []
+        near = [str(source.parent / name) for name in difflib.get_close_matches(source.name, there, n=3)]
+        raise InputError(
+            "There is no such file or folder of estimates.", where=str(source), value=source.name,
+            allowed="a folder with .h5 files, or one such file",
+            next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimate DATA -e NAME",
+        )  # fmt: skip
     files = sorted([*source.glob("*.h5"), *source.glob("*.hdf5")]) if source.is_dir() else [source]
     if not files or not files[0].is_file():
         raise InputError(
@@ -189,6 +201,7 @@ def read_estimates(
             stage = _stage(file, path, modality)
             variables = ", ".join(stage.dims())
             stacks = _stacks(file, path, count, stage, sizes)
+            unstated = frozenset(name for name in stacks if name not in file)
             numbers = {name: _numbers(file, name, path, count) for name in ("cpu_s", "wall_s", "peak_bytes")}
             status = _statuses(file, path, count)
     except (
@@ -211,7 +224,7 @@ def read_estimates(
     for index in range(count):
         one = {name: stack[index] for name, stack in stacks.items()}
         if status[index] == "ok":
-            status[index] = _judged(one, stage)
+            status[index] = _judged(one, stage, unstated)
         arrays.append(one if status[index] == "ok" else None)
     return Estimates(
         label, modality, arrays, numbers["cpu_s"], numbers["wall_s"], numbers["peak_bytes"], status, captures_sha256,
@@ -236,12 +249,16 @@ def _stacks(file: Hdf5Input, path: Path, count: int, stage: Stage, sizes: Mappin
     """All variables of a stage, checked, as float or (flags) bool."""
     known = dict(sizes)
     stacks: dict[str, NDArray[Any]] = {}
-    flags = {stage.variables(quantity).valid for quantity in stage.gives}
+    names = [stage.variables(quantity) for quantity in stage.gives]
+    flags, sigmas = {one.valid for one in names}, {one.sigma for one in names}
     for name, dims in stage.dims().items():
         if name in file:  # the estimator chooses the length of a dimension that the captures lack
             lengths = file.shape(name)[1:]
             known |= {dim: n for dim, n in zip(dims, lengths, strict=False) if dim not in known and 0 < n <= _LONGEST}
         shape = (count, *(known.get(dim, 0) for dim in dims))
+        if name in sigmas and name not in file:  # a program that states no errors: they are unknown, never invented
+            stacks[name] = np.full(shape, np.nan)
+            continue
         stack = _stack(file, name, path, shape, flag=name in flags, allowed=", ".join(stage.dims()))
         stacks[name] = stack.astype(bool if name in flags else float)
     return stacks
@@ -257,19 +274,22 @@ def _statuses(file: Hdf5Input, path: Path, count: int) -> list[str]:
     return [_text(item) for item in np.ravel(file.array("status"))]
 
 
-def _judged(one: dict[str, NDArray[Any]], stage: Stage) -> str:
-    """Status of the estimate of one capture: "ok", or what is wrong with its numbers."""
+def _judged(one: dict[str, NDArray[Any]], stage: Stage, unstated: frozenset[str]) -> str:
+    """Status of the estimate of one capture: "ok", or what is wrong with its numbers. Sigmas that are `unstated` are not judged."""
     for quantity in stage.gives:
         names = stage.variables(quantity)
         value, sigma, valid = (one[name] for name in names.all)
         valid = valid.reshape(valid.shape + (1,) * len(quantity.components))
         with np.errstate(invalid="ignore"):
-            bad = valid & ~(possible_value(value) & possible_sigma(sigma))
+            sound = possible_value(value)
+            if names.sigma not in unstated:
+                sound &= possible_sigma(sigma)
+        bad = valid & ~sound
         if bad.any():
-            return (
-                f"invalid: {names.value} or {names.sigma} is not finite and positive at {int(bad.sum())} elements marked "
-                "valid"
-            )
+            what = f"{names.value} is not finite" if names.sigma in unstated else (
+                f"{names.value} or {names.sigma} is not finite and positive"
+            )  # fmt: skip
+            return f"invalid: {what} at {int(bad.sum())} elements marked valid"
     return "ok"
 
 
@@ -315,7 +335,12 @@ def _check_origin(file: Hdf5Input, path: Path, modality: str, captures_sha256: s
 
 def _stack(file: Hdf5Input, name: str, path: Path, shape: tuple[int, ...], *, flag: bool, allowed: str) -> NDArray[Any]:
     if name not in file:
-        raise InputError(f"The estimates hold no `{name}`.", where=str(path), allowed=allowed)
+        held = file.names(_MOST_NAMES)
+        near = difflib.get_close_matches(name, held, n=1)
+        raise InputError(
+            f"The estimates hold no `{name}`.", where=str(path), value=", ".join(held) or "no arrays", allowed=allowed,
+            next_step=f"rename `{near[0]}` to `{name}`" if near else "docs/external-estimators.md has the format",
+        )  # fmt: skip
     found = file.shape(name)
     if found != shape:
         # An estimator that failed on every capture writes no image; its statuses give the reasons.
@@ -325,7 +350,10 @@ def _stack(file: Hdf5Input, name: str, path: Path, shape: tuple[int, ...], *, fl
             "The estimates do not fit the captures.",
             where=f"{path}: {name}",
             value=found,
-            allowed=f"{shape}: (capture, row, col)",
+            allowed=str(shape),
+            next_step="rows and columns are exchanged: docs/external-estimators.md has the order of the axes"
+            if len(shape) > 2 and found == (*shape[:-2], shape[-1], shape[-2])
+            else "docs/external-estimators.md has the axes",
         )
     values = file.array(name)
     if values.dtype.kind not in "biuf":

@@ -9,7 +9,7 @@ threshold:
                                         at most window/√12 (`refusal_error`)
     bound = √mean(b²) over V            efficiency = 1/mean((e/b)²) over V, outliers included;
     z_rms = √mean((e/σ)²) over V        NaN where coverage < .99 or the bias is real
-    cover95 = fraction of V with |e| ≤ 1.96 σ
+    cover95 = fraction of V with |e| ≤ 1.96 σ; both NaN where no σ is stated
 
 A bias is real if |bias| exceeds .1 rmse by more than 3 standard errors, 3 rmse/√|V| (`statistics.pooled.bias_is_real`).
 `efficiency_lo`, `_hi` are NaN if a few blocks of pixels hold most of the squared error (`concentrated`).
@@ -177,8 +177,9 @@ def _figures(
     e, s, b = error[valid], sigma[valid], np.minimum(bound[valid], prior)
     figures["bias"], figures["rmse"] = float(e.mean()), float(np.sqrt((e**2).mean()))
     figures["mae"], figures["p95"] = float(np.abs(e).mean()), float(np.quantile(np.abs(e), 0.95))
-    figures["z_rms"] = float(np.sqrt(((e / s) ** 2).mean()))
-    figures["cover95"] = float((np.abs(e) <= 1.96 * s).mean())
+    if np.isfinite(s).all():  # a program may state no sigma
+        figures["z_rms"] = float(np.sqrt(((e / s) ** 2).mean()))
+        figures["cover95"] = float((np.abs(e) <= 1.96 * s).mean())
     if np.isfinite(b).all():
         figures["bound"] = float(np.sqrt((b**2).mean()))
         fair = not bias_is_real(figures["bias"], figures["rmse"], e.size)
