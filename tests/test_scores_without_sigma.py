@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -29,11 +30,9 @@ def answers(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def _score(folder: Path, name: str = "own.h5") -> dict[str, object]:
-    row: dict[str, object] = (
-        beambench.score(folder / "made.zarr", folder / name, out=folder / "scores", overwrite=True).iloc[0].to_dict()
-    )
-    return row
+def _score(folder: Path, name: str = "own.h5") -> dict[str, Any]:
+    table = beambench.score(folder / "made.zarr", folder / name, out=folder / "scores", overwrite=True)
+    return dict(table.iloc[0])
 
 
 def test_without_sigma_only_what_needs_it_is_empty(answers: Path) -> None:

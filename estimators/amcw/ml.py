@@ -61,7 +61,7 @@ def _candidates(samples: AmcwSamples, found: Phasors) -> tuple[Float, Float]:
 
 @estimator(
     "amcw",
-    cites="Joint likelihood of several phases: Gudmundson, Larsson and Stoica, IEEE JSTSP 9:1515, 2015 (recalled)",
+    cites="Joint likelihood of several phases: Gudmundson, Larsson and Stoica, IEEE JSTSP 9:1515, 2015 (not verified)",
 )
 def amcw_ml(capture: xr.Dataset, *, min_gap: float = 4.6, min_snr: float = 4.0) -> xr.Dataset:
     """Maximum likelihood of μ = M + D cos(ω_f(τ − t₀) − φ_k) over (τ, M, D), from all frequencies and phases.

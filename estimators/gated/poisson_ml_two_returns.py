@@ -129,7 +129,7 @@ def _fit_rows(  # type: ignore[no-untyped-def]
                     tau[row, begin + c], sigma[row, begin + c], ok[row, begin + c] = x, dx, True
 
 
-@estimator("gated", cites="Hernandez-Marin, Wallace and Gibson, IEEE Trans. PAMI 29(12):2170, 2007 (recalled)")
+@estimator("gated", cites="Hernandez-Marin, Wallace and Gibson, IEEE Trans. PAMI 29(12):2170, 2007 (not verified)")
 def poisson_ml_two_returns(
     capture: xr.Dataset, *, pick: Literal["first", "last", "brightest"] = "brightest", min_gain: float = 20.0,
     min_snr: float = 4.0,

@@ -16,14 +16,15 @@ __all__ = ["threshold"]
 
 
 @estimator(
-    "gated", cites="Palojarvi, Ruotsalainen and Kostamovaara, IEEE J. Solid-State Circuits 40(5):1213, 2005 (recalled)"
+    "gated",
+    cites="Palojarvi, Ruotsalainen and Kostamovaara, IEEE J. Solid-State Circuits 40(5):1213, 2005 (not verified)",
 )
 def threshold(capture: xr.Dataset, *, level_e: float = 30.0, background: Background = "outside") -> xr.Dataset:
     """τ = t× + u½: t× the delay at which the profile y − B first rises through `level_e`, u½ where R is half its peak.
 
     The profile over delay rises where a slice begins to see the echo (u = τ − t falls from the far end of R). A bright echo
     crosses a fixed level early: this walk is zero only where the level is half the height of the echo. (The source, on
-    walk in leading-edge detection, is cited from memory.)
+    walk in leading-edge detection, is not verified.)
     Other arguments: level_e [photoelectrons per slice]; background: "outside" subtracts the mean of the slices that lie
     farther from the brightest than R reaches, "none" nothing.
     Returns range, sigma [m], valid (row, col). sigma is the noise of the interpolated sample over the slope, without the

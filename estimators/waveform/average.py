@@ -91,7 +91,7 @@ def waveform_average(
 
 @estimator(
     "waveform",
-    cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (recalled; correction of pile-up)",
+    cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (correction of pile-up; not verified)",
     needs={"detector.readout.kind": "single-photon"},
 )
 @per_pulse

@@ -92,7 +92,7 @@ def _edge(
 
 @estimator(
     "waveform",
-    cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (recalled; walk)",
+    cites="Kusters 1992, section 2.2.3.1 and Eq. 2.3; Palojarvi et al., IEEE TIM 54:1569, 2005 (walk; not verified)",
 )
 @per_pulse
 def waveform_leading_edge(

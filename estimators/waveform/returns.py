@@ -26,7 +26,7 @@ Index = npt.NDArray[np.intp]
 _LEAST_AMPLITUDE = 3.0
 
 
-@estimator("waveform", cites="Hernandez-Marin, Wallace and Gibson, IEEE Trans. PAMI 29(12):2170, 2007 (recalled)")
+@estimator("waveform", cites="Hernandez-Marin, Wallace and Gibson, IEEE Trans. PAMI 29(12):2170, 2007 (not verified)")
 @per_pulse
 def waveform_several_returns(
     capture: xr.Dataset,
