@@ -15,11 +15,14 @@ from ..suites.declared import MATCHED, declared_note, told_condition
 from .sealed import making_again, seal_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import xarray as xr
 
     from ...captures import CaptureSet
     from ...captures.estimates import Estimates
     from ...scenes.scene import Scene
+    from ..scores.truth import Bound, Truth
     from ..suites.sealed import Key
     from ..suites.spec import Draw
 
@@ -57,7 +60,6 @@ def score_store(
     from ..judges import judge_of
     from ..judges.bound import bounds_of, truths_of
     from ..judges.drawn import with_draws
-    from ..scores.score import score_rows
     from ..scores.slips import slip_warnings, slips_of
 
     captures = open_captures(data)
@@ -84,18 +86,36 @@ def score_store(
         notes |= dict.fromkeys([declared_note(scene)] if scene is not None else [])
         truth, bound = truths_of(capture), with_draws(bounds_of(capture), capture, draws)
         for table in tables:
-            costs = {name: getattr(table, name)[index] for name in ("cpu_s", "wall_s", "peak_bytes")}
-            key_of_row = _key(table, captures, index, capture.attrs, scene) | place
-            arrays = table.arrays[index]
-            if arrays is not None and table.status[index] == "ok":
-                slips += [key_of_row | row for row in slips_of(table.gives, arrays, truth)]
-            rows += score_rows(
-                key_of_row, table.gives, truth, bound, arrays,
-                status=table.status[index], failure_at=failure_at, **costs,
-            )  # fmt: skip
+            named = _key(table, captures, index, capture.attrs, scene) | place
+            rows += _scored(named, table, index, truth, bound, failure_at)
+            slips += [named | row for row in slips_of(table.gives, table.arrays[index] or {}, truth)]
     for sentence in (*filter(None, notes), *slip_warnings(slips)):
         warnings.warn(sentence, stacklevel=3)
     return rows
+
+
+def _scored(
+    named: dict[str, Any],
+    table: Estimates,
+    index: int,
+    truth: Mapping[str, Truth],
+    bound: Mapping[str, Bound],
+    failure_at: float | None,
+) -> list[dict[str, Any]]:
+    """The rows of one file on one capture."""
+    from ..scores.score import score_rows
+
+    costs = {name: getattr(table, name)[index] for name in ("cpu_s", "wall_s", "peak_bytes")}
+    return score_rows(
+        named,
+        table.gives,
+        truth,
+        bound,
+        table.arrays[index],
+        status=table.status[index],
+        failure_at=failure_at,
+        **costs,
+    )
 
 
 def _refuse_untrue(capture: xr.Dataset, where: str) -> None:

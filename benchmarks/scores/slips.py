@@ -49,7 +49,7 @@ def slips_of(stage: Stage, arrays: Mapping[str, npt.NDArray[Any]], truths: Mappi
     """
     found = []
     for quantity in stage.gives:
-        if quantity.name not in truths:
+        if quantity.name not in truths or not arrays:
             continue
         truth = truths[quantity.name]
         value, _, valid = aligned(dict(arrays), stage, quantity, truth.value.shape)
