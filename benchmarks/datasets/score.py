@@ -46,11 +46,8 @@ def score_store(
     Other arguments:
         key: The key of a sealed store, by which its truth is made again. suite: Its suite, where that is not built in.
 
-    Warns of answers in another unit or with rows and columns exchanged (`scores.slips`), and of a rig that is declared otherwise
-    than it is (`suites.declared`).
-
-    Raises:
-        InputError: No store, no truth, another key, no estimates, estimates that do not fit, or two with the same label.
+    Warns of what `scores.slips` and `suites.declared` tell. Raises InputError for no store, no truth, another key, no estimates,
+    estimates that do not fit, or two with the same label.
     """
     refuse_forked()
     from ...captures import open_captures
