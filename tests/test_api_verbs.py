@@ -150,10 +150,10 @@ def test_estimates_of_another_program_are_scored(store: Path, tmp_path: Path) ->
 def test_wrong_estimates_are_told(store: Path, tmp_path: Path, fault: str) -> None:
     def write(name: str, shape: tuple[int, ...], sigma: float = 1e-3) -> None:
         with h5py.File(tmp_path / name, "w") as file:
-            file["range"], file["valid"] = np.ones(shape), np.ones(shape, bool)
+            file["valid"], file["sigma"] = np.ones(shape, bool), np.full(shape, sigma)
             file.attrs["estimator"] = "same"
             if fault != "missing":
-                file["sigma"] = np.full(shape, sigma)
+                file["range"] = np.ones(shape)
 
     if fault != "no file":
         write("a.h5", (2, 20, 23) if fault == "shape" else (2, 20, 24), -1.0 if fault == "claims" else 1e-3)

@@ -203,8 +203,9 @@ def _log(values: list[float]) -> Spec:
 
 
 def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, Style]) -> str:
-    """Write the speed-accuracy chart of all panels as PNG (2 ×; 1 × of many) and SVG; returns the text of the SVG, or of one of the
-    first panels where there are many.
+    """Write the speed-accuracy chart as SVG, of all panels, and as PNG, of the first `STILLS` where there are more.
+
+    Returns the SVG of the panels of the PNG.
 
     Raises:
         InputError: the files cannot be written.
@@ -218,12 +219,14 @@ def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, St
         for panel, group in panels.items()
     ]
     drawing = svg_of(finished({"concat": charts, "columns": 3}, page=False))
-    image: bytes = vlc.svg_to_png(drawing, scale=2.0 if len(charts) <= STILLS else 1.0)
+    first = drawing
+    # Nobody reads a picture of ninety charts, and to draw its pixels takes longer than the rest of the page.
+    if len(charts) > STILLS:
+        first = svg_of(finished({"concat": charts[:STILLS], "columns": 3}, page=False))
+    image: bytes = vlc.svg_to_png(first, scale=2.0)
     write_atomic(png, lambda path: _write(path, image))
     write_text(svg, drawing)
-    if len(charts) <= STILLS:
-        return drawing
-    return svg_of(finished({"concat": charts[:STILLS], "columns": 3}, page=False))
+    return first
 
 
 def _write(path: Path, data: bytes) -> None:
