@@ -63,7 +63,10 @@ class Measuring:
         self.journal = journal
         for part in ("captures", "pictures"):
             (folder / part).mkdir(exist_ok=True)
-        self._scenes = dict(loaded.scenes)
+        # By the scene as the suite names it: stresses do not change the name of a condition.
+        self._tells: dict[str, dict[str, str]] = {
+            name: {one: told_condition(one, scene) for one in loaded.conditions(name)} for name, scene in loaded.scenes
+        }
         self.rows: list[dict[str, Any]] = []
         self.costs: list[dict[str, Any]] = []
         self.resolution: list[dict[str, Any]] = []
@@ -110,8 +113,8 @@ class Measuring:
         return entry
 
     def _told(self, cell: Cell, condition: str) -> str:
-        """The name of a condition in tables, by the scene as the suite names it: stresses do not change it."""
-        return told_condition(condition, self._scenes[cell.scene_name])
+        """The name of a condition in tables."""
+        return self._tells[cell.scene_name][condition]
 
     def _store(self, cell: Cell) -> Path:
         return self.folder / "captures" / f"{_name(cell)}.zarr"

@@ -8,7 +8,13 @@ from typing import Any
 
 from .errors import InputError
 
-__all__ = ["record_of"]
+__all__ = ["object_at", "record_of"]
+
+
+def object_at(place: str) -> Any:
+    """The object that stands at "module:object", imported."""
+    module, _, attribute = place.partition(":")
+    return getattr(import_module(module), attribute)
 
 
 def record_of(table: Mapping[str, str], name: object, missing: str, where: str) -> Any:
@@ -23,5 +29,4 @@ def record_of(table: Mapping[str, str], name: object, missing: str, where: str) 
     """
     if not isinstance(name, str) or name not in table:
         raise InputError(missing, where=where, value=name, allowed=", ".join(table))
-    module, _, attribute = table[name].partition(":")
-    return getattr(import_module(module), attribute)
+    return object_at(table[name])

@@ -109,9 +109,10 @@ def _ours(path: Path) -> bool:
     if is_picture(path):
         return True
     try:
-        return b"vega" in path.read_bytes() or b"<svg" in path.read_bytes()
+        content = path.read_bytes()
     except OSError:
         return False
+    return b"vega" in content or b"<svg" in content
 
 
 def _beside(title: str) -> Path:

@@ -119,34 +119,41 @@ def _measure(pool: Path, minutes: float, load: int) -> None:
             process.wait()
 
 
+def _paired(starts: Sequence[Start], name: str, kind: str) -> Paired:
+    return Paired(
+        np.array([one[name][kind] for one in starts]),
+        np.array([one[name]["same"] for one in starts]),
+        starts[0][name]["cpu_s"],
+    )
+
+
+def _measures(
+    first: Sequence[Start], draw: Callable[[], Sequence[Start]], name: str, kind: str
+) -> Callable[[Sequence[int]], dict[int, Paired]]:
+    """What `with_retry` measures one target by: the first starts at first, and others when it is repeated."""
+    held = iter([first])
+
+    def measure(numbers: Sequence[int]) -> dict[int, Paired]:
+        starts = next(held, None) or draw()
+        return {number: _paired(starts, name, kind) for number in numbers}
+
+    return measure
+
+
 def _gate(draw: Callable[[], Sequence[Start]], kind: str, retry: bool) -> dict[str, str]:
     """The states of both targets in one gate whose starts come from `draw`: once for all targets, and anew for a repeated one."""
     names = list(TARGETS)
     states: dict[str, str] = {}
     common = draw()
     for only in [names] if kind == "null" else [[name] for name in names]:
-        effect = {name: TARGETS[name][2] for name in only}
-        seen = set[int]()
-
-        def measure(numbers: Sequence[int], seen: set[int] = seen) -> dict[int, Paired]:
-            starts = draw() if seen.intersection(numbers) else common
-            seen.update(numbers)
-            return {
-                number: Paired(
-                    np.array([one[names[number]][kind] for one in starts]),
-                    np.array([one[names[number]]["same"] for one in starts]),
-                    starts[0][names[number]]["cpu_s"],
-                )
-                for number in numbers
-            }
-
         found = {}
         for name in only:  # each target has its own effect; the correction is for all
-            number = names.index(name)
+            effect = TARGETS[name][2]
             if retry:
-                found[name] = with_retry({number: name}, effect[name], measure)[number].check
+                measure = _measures(common, draw, name, kind)
+                found[name] = with_retry({0: name}, effect, measure)[0].check
             else:
-                found[name] = speed_check(name, measure([number])[number], effect[name]).check
+                found[name] = speed_check(name, _paired(common, name, kind), effect).check
         for name, check in zip(found, decided(list(found.values())), strict=True):
             states[name] = check.state
     return states

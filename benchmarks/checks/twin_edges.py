@@ -1,12 +1,14 @@
 """Is the certificate sound on a recording that holds edges, whose target nobody surveyed?
 
     python -m beambench.benchmarks.checks.twin_edges --rigs 20
- The recording is that of the plan `gated-demo`: a sphere before a wall, forty delays, six times, by rigs whose gain, pulse,
+
+The recording is that of the plan `gated-demo`: a sphere before a wall, forty delays, six times, by rigs whose gain, pulse,
 energy, read noise and time zero are hidden, as `record --rig emulator` makes it. The rig file comes from the first half:
 
 - with the rig as calibrated: no clause may fail, and χ² of the pixels with one echo must pass;
 - with a rig that is wrong in one planted way: the clause that names it must fail.
- The recording is too short for 3 % of the gain, and shows neither time zero nor water: `checks.twin` plants these. Intervals
+
+The recording is too short for 3 % of the gain, and shows neither time zero nor water: `checks.twin` plants these. Intervals
 are exact (Clopper and Pearson).
 """
 

@@ -6,11 +6,11 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.records import object_at
 from ...scenes.scene import Scene
 from ..folders.files import write_json, write_text
 from ..folders.progress import Progress, silent
@@ -36,8 +36,7 @@ def designs_of(scene: Scene) -> Designs:
             allowed="scenes of " + ", ".join(name for name in JUDGES if judge_of(name).design),
             next_step="beambench scenes list",
         )  # fmt: skip
-    module, _, name = place.partition(":")
-    found: Designs = getattr(import_module(module), name)
+    found: Designs = object_at(place)
     return found
 
 

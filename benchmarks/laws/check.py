@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 
 from ...captures.layouts import stage_of
 from ...captures.quantities import Stage
 from ...estimators import get_estimator, parse_label
 from ...estimators.labels import LINK, check_parameters
 from ...scenes.errors import InputError
+from ...scenes.records import object_at
 from ..folders.progress import Progress
 from ..judges import JUDGES, judge_of
 from ..runner.estimator_labels import check_estimators
@@ -110,6 +110,5 @@ def laws_record(stage: Stage) -> Laws:
             "There are no laws for this stage.", where=f"stage {stage.word}", value=stage.modality,
             allowed="a stage that reads captures of " + ", ".join(name for name in JUDGES if judge_of(name).laws),
         )  # fmt: skip
-    module, _, name = place.partition(":")
-    laws: Laws = getattr(import_module(module), name)
+    laws: Laws = object_at(place)
     return laws

@@ -99,7 +99,7 @@ class Maker:
         for make in laws.own.get(stage.word, laws.captures):
             capture = make(_SEED)
             if not (reason := unfit(capture)):
-                self._clean, self._make = hide_truth(capture), make
+                self._true, self._clean, self._make = capture, hide_truth(capture), make
                 return
             reasons.append(reason)
         raise InputError(
@@ -136,8 +136,8 @@ class Maker:
         return self._clean.copy(deep=True)
 
     def with_truth(self) -> xr.Dataset:
-        """The clean capture with its truth."""
-        return self._make(_SEED)
+        """The clean capture with its truth; never changed."""
+        return self._true
 
     def stressed(self, seed: int, *, light: float = 1.0, background: float = 1.0) -> xr.Dataset:
         """The clean capture with its truth, other noise, and multiples of its light and background."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ LOOKS: dict[str, str] = {
 
 def look_of(modality: object) -> Look:
     """The function that gives the panels of a capture."""
-    home = LOOKS.get(str(modality), "beambench.benchmarks.looks.planes:planes_look")
-    module, _, name = home.partition(":")
-    look: Look = getattr(import_module(module), name)
+    from ...scenes.records import object_at
+
+    look: Look = object_at(LOOKS.get(str(modality), "beambench.benchmarks.looks.planes:planes_look"))
     return look

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from .panel import Curve, Curves, Image, chosen, curve_colour, image, unit_of
+from .panel import Curve, Curves, Image, chosen, curve_colour, image, true_ranges, unit_of
 
 __all__ = ["amcw_look"]
 
@@ -32,8 +32,4 @@ def amcw_look(capture: xr.Dataset, element: int | None) -> list[Image | Curves]:
     if len(samples) > 1:
         flat = samples.reshape(len(samples), -1)
         found.append(image("all shots", flat, unit, x="frequency and phase step", y="shot"))
-    if "truth_range" in capture.variables and np.isfinite(capture["truth_range"].values).any():
-        truth = capture["truth_range"].values.astype(np.float64)
-        line = Curve("true range", np.arange(truth.size, dtype=float), truth, dots=True)
-        found.append(Curves("true range", (line,), "shot", "range, m"))
-    return found
+    return found + true_ranges(capture)

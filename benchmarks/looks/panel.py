@@ -14,7 +14,7 @@ from ..report.pictures import DIVERGING, SEQUENTIAL
 
 __all__ = [
     "FIRST", "GREY", "LONGEST", "TRUE", "Curve", "Curves", "Image", "brightest", "chosen", "curve_colour", "image",
-    "mean_channel", "signed", "unit_of",
+    "mean_channel", "signed", "true_ranges", "unit_of",
 ]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
@@ -112,6 +112,15 @@ def chosen(element: int | None, values: Array, noun: str) -> int:
             next_step="leave it out to see the brightest",
         )  # fmt: skip
     return element
+
+
+def true_ranges(capture: xr.Dataset) -> list[Image | Curves]:
+    """The true range of every shot, nothing where it is unknown."""
+    if "truth_range" not in capture.variables or not np.isfinite(capture["truth_range"].values).any():
+        return []
+    truth = capture["truth_range"].values.astype(np.float64)
+    line = Curve("true range", np.arange(truth.size, dtype=float), truth, dots=True)
+    return [Curves("true range", (line,), "shot", "range, m")]
 
 
 def curve_colour(number: int) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -45,7 +45,6 @@ class Shown:
     charts: tuple[Spec, ...] = ()
     file: Path | None = None
     page: Path | None = None
-    facts: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
     def spec(self) -> Spec:
@@ -92,7 +91,7 @@ def shown_capture(data: str | Path | xr.Dataset, capture: int, element: int | No
             )  # fmt: skip
         one, name = captures[capture], f"{Path(data).name}, capture {capture}"
     panels = look_of(one.attrs.get("modality"))(one, element)
-    return Shown(name, tuple(panels), facts={"modality": one.attrs.get("modality"), "capture": capture})
+    return Shown(name, tuple(panels))
 
 
 def shown_run(folder: Path) -> Shown:

@@ -8,7 +8,7 @@ import xarray as xr
 from ...estimators.rig import read_rig
 from ...optics.constants import C_M_PER_S
 from ...scenes.errors import InputError
-from .panel import FIRST, TRUE, Array, Curve, Curves, Image, chosen, image, unit_of
+from .panel import TRUE, Array, Curve, Curves, Image, chosen, image, true_ranges, unit_of
 
 __all__ = ["waveform_look"]
 
@@ -29,17 +29,7 @@ def waveform_look(capture: xr.Dataset, element: int | None) -> list[Image | Curv
     found: list[Image | Curves] = [Curves(f"shot {shot}", tuple(lines), "time, ns", f"signal, {unit}")]
     if len(signal) > 1:
         found.append(image("all shots", signal, unit, x="sample", y="shot"))
-    if "truth_range" in capture.variables and np.isfinite(capture["truth_range"].values).any():
-        truth = capture["truth_range"].values.astype(np.float64)
-        found.append(
-            Curves(
-                "true range",
-                (Curve("true range", np.arange(truth.size, dtype=float), truth, FIRST, dots=True),),
-                "shot",
-                "range, m",
-            )
-        )
-    return found
+    return found + true_ranges(capture)
 
 
 def true_times(capture: xr.Dataset) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import xarray as xr
 
 from ...captures.hide import hide_truth_but_ranges
 from ...scenes.errors import InputError
+from ...scenes.records import object_at
 from ..folders.files import write_json, write_text
 from ..judges import JUDGES, judge_of
 from ..scores.tables import to_csv
@@ -37,8 +37,7 @@ def twin_kind_of(modality: object) -> TwinKind:
             allowed=", ".join(name for name in JUDGES if judge_of(name).twin),
             next_step="`beambench estimate` and `beambench score` take such recordings",
         )  # fmt: skip
-    module, _, name = place.partition(":")
-    found: TwinKind = getattr(import_module(module), name)
+    found: TwinKind = object_at(place)
     return found
 
 

@@ -5,7 +5,8 @@ and no stretch explains it. What a scan shows of it is its χ² about the fit of
 degrees of freedom n. A pixel is *single* where
 
     χ²/(n + what frames that vary in light and time add) <= max(1, m) χ²(n; 0.001)/n,
- m the median of the left side over lit pixels, relative to that of the distribution. Pixels are thus left out for being unlike
+
+m the median of the left side over lit pixels, relative to that of the distribution. Pixels are thus left out for being unlike
 the others: where the declared pulse, gate or noise is wrong, all pixels are alike in it, none is left out, and χ² shows
 it. One sound pixel in a thousand is left out. The fit is repeated on the single pixels until they stay the same.
 
@@ -18,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .gated_scan import DelayScan
-from .gated_widths import ResponseFit, fit_response
+from .gated_widths import ResponseFit, fit_response, lit_pixels
 
-__all__ = ["fit_one_echo", "lit_pixels"]
+__all__ = ["fit_one_echo"]
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -29,13 +30,6 @@ Mask = npt.NDArray[np.bool_]
 _LEFT_OUT = 1e-3
 #: Fits at most. With a sphere before a wall three suffice.
 _ROUNDS = 10
-#: Amplitude of a lit pixel, in its standard errors.
-_LIT = 5.0
-
-
-def lit_pixels(fit: ResponseFit) -> Mask:
-    """Pixels (pixel) that show an echo, five standard errors or more."""
-    return np.asarray(fit.amplitude > _LIT * fit.amplitude_sigma)
 
 
 def fit_one_echo(scan: DelayScan, *, known_s: Float | None = None) -> ResponseFit:

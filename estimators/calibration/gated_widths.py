@@ -30,12 +30,22 @@ from ..rig import DeclaredRig, Samples
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan
 
-__all__ = ["ResponseFit", "delays_before", "fit_response", "response_profile", "surveyed_delay", "time_bound_s"]
+__all__ = [
+    "ResponseFit",
+    "delays_before",
+    "fit_response",
+    "lit_pixels",
+    "response_profile",
+    "surveyed_delay",
+    "time_bound_s",
+]
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _STEPS = 5
+#: Amplitude of a lit pixel, in its standard errors.
+_LIT = 5.0
 #: Steps below this many standard errors end the fit.
 _SETTLED = 0.05
 #: Finite difference of a stretch; R is smooth in it.
@@ -363,7 +373,7 @@ def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[
     y = scan.counts.astype(np.float64).mean(axis=1) - scan.dark.astype(np.float64).mean(axis=0) - fit.still
     spread = scan.counts.astype(np.float64).var(axis=1, ddof=1) / scan.repeats
     u = fit.tau_s[None, :] - scan.delay_s[:, None]
-    used = np.broadcast_to(fit.single & (fit.amplitude > 5.0 * fit.amplitude_sigma), u.shape)
+    used = np.broadcast_to(fit.single & lit_pixels(fit), u.shape)
     edges = np.linspace(float(u[used].min(initial=0.0)), float(u[used].max(initial=1e-12)), bins + 1)
     place = np.clip(np.searchsorted(edges, u[used], side="right") - 1, 0, bins - 1)
     a = np.broadcast_to(fit.amplitude, u.shape)[used]
@@ -372,6 +382,11 @@ def response_profile(scan: DelayScan, fit: ResponseFit, bins: int = 48) -> dict[
         value = np.bincount(place, a * y[used], bins) / weight
         sigma = np.sqrt(np.bincount(place, a**2 * spread[used], bins)) / weight
     return {"u_s": 0.5 * (edges[1:] + edges[:-1]), "value": value, "sigma": sigma}
+
+
+def lit_pixels(fit: ResponseFit) -> Mask:
+    """Pixels (pixel) that show an echo, five standard errors or more."""
+    return np.asarray(fit.amplitude > _LIT * fit.amplitude_sigma)
 
 
 def delays_before(scan: DelayScan, tau_s: Float) -> npt.NDArray[np.bool_]:
