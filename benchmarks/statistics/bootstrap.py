@@ -61,7 +61,8 @@ def studentised(values: npt.ArrayLike, *, level: float = 0.95, draws: int = _DRA
         draws, seed: of the bootstrap; draws + 1 should be a multiple of 40 so that quantiles are draws themselves.
 
     With fewer than `MIN_SCENES` scenes, or a NaN among them, interval and p are NaN. If all scenes agree to rounding, the
-    interval is the mean itself and p is 0 or, for a mean of zero, 1. The smallest p is 1/(draws + 1).
+    interval is the mean itself and p is 0 or, for a mean of zero, 1. The smallest p is 1/(draws + 1). Limits lie between the least
+    and the largest value: one scene that is unlike all others makes draws without it seem exact, and limits of 10^100.
     Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, sec. 12.5 (bootstrap-t); P. Hall, The
     Bootstrap and Edgeworth Expansion, 1992, sec. 3.6 (symmetric).
     """
@@ -104,6 +105,8 @@ def _interval(x: Float, mean: Float, error: Float, weights: Float, level: float)
     (both,) = _order(size, level)
     low = mean - safe * 0.5 * (top + both)
     high = mean - safe * 0.5 * (bottom - both)
+    least, largest = x.min(axis=1), x.max(axis=1)
+    low, high = np.clip(low, least, largest), np.clip(high, least, largest)
     observed = np.abs(mean) / safe
     beyond = np.count_nonzero(size >= observed[:, None], axis=1)
     p = (1.0 + beyond) / (1.0 + t.shape[1])

@@ -1,7 +1,8 @@
-"""Every estimator against every other on the same captures: paired differences, Holm-corrected.
+"""Every estimator against every other on the same captures: paired differences, corrected for the number of pairs.
 
 Estimators of a run read the same captures with the same noise, so the difficulty of a scene cancels in a paired
-comparison. Errors differ by decades between scenes, so ratios are compared: the value of a scene is ln(a/b).
+comparison. Errors differ by decades between scenes, so ratios are compared: the value of a scene is ln(a/b). Scenes are the
+sample; tests and intervals are those of `flips`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from .bootstrap import studentised
+from .bootstrap import MIN_SCENES
+from .flips import flip_tests, typical_interval
 
 __all__ = ["Pair", "holm", "pairwise", "pairwise_p"]
 
@@ -21,9 +23,9 @@ Float = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Pair:
-    """a against b: geometric mean over scenes of a/b, its 95 % interval, p, and p corrected for all pairs.
+    """a against b: geometric mean over scenes of a/b, its 95 % interval, p, and p corrected for all pairs by step-down.
 
-    `winner` is the estimator with the smaller figure where `p_holm` <= α, else "". NaN where scenes are too few.
+    `winner` is the estimator with the smaller figure where `p_adjusted` <= α, else "". NaN where scenes are too few.
     """
 
     a: str
@@ -33,7 +35,7 @@ class Pair:
     low: float
     high: float
     p: float
-    p_holm: float
+    p_adjusted: float
     winner: str
 
 
@@ -54,18 +56,20 @@ def holm(p: npt.ArrayLike) -> Float:
     return out
 
 
-def pairwise_p(logs: Float, *, draws: int = 4999) -> tuple[Float, Float, npt.NDArray[np.intp]]:
-    """Mean differences and Holm-corrected p of all pairs, for many benchmarks at once.
+def pairwise_p(logs: Float) -> tuple[Float, Float, npt.NDArray[np.intp]]:
+    """Mean differences and corrected p of all pairs, for many benchmarks at once.
 
     Main arguments:
         logs (…, estimator, scene): logarithms of the values.
-    Other arguments:
-        draws: of the bootstrap; 1/(draws + 1) times the number of pairs must be well below the level of the test.
-    Returns (difference (…, pair), p (…, pair), pairs (pair, 2)).
+    Returns (difference (…, pair), p (…, pair), pairs (pair, 2)); p is NaN for fewer than `MIN_SCENES` scenes.
     """
     pairs = np.array(list(combinations(range(logs.shape[-2]), 2)), dtype=np.intp).reshape(-1, 2)
-    found = studentised(logs[..., pairs[:, 0], :] - logs[..., pairs[:, 1], :], draws=draws)
-    return found.mean, holm(found.p), pairs
+    x = logs[..., pairs[:, 0], :] - logs[..., pairs[:, 1], :]
+    p = np.full(x.shape[:-1], np.nan)
+    if x.shape[-1] >= MIN_SCENES:
+        for place in np.ndindex(x.shape[:-2]):
+            p[place] = flip_tests(x[place])[1]
+    return x.mean(axis=-1), p, pairs
 
 
 def pairwise(names: list[str], figures: npt.ArrayLike, *, alpha: float = 0.05) -> list[Pair]:
@@ -86,16 +90,19 @@ def pairwise(names: list[str], figures: npt.ArrayLike, *, alpha: float = 0.05) -
     index = list(combinations(range(len(names)), 2))
     if not index:
         return []
-    found = studentised(np.stack([logs[i] - logs[j] for i, j in index]))
-    corrected = holm(found.p)
+    differences = np.stack([logs[i] - logs[j] for i, j in index])
+    mean = differences.mean(axis=1)
+    p, corrected, low, high = np.full((4, len(index)), np.nan)
+    if x.shape[1] >= MIN_SCENES:
+        p, corrected = flip_tests(differences)
+        low, high = typical_interval(differences)
     rows = []
     for k, (i, j) in enumerate(index):
-        decided = corrected[k] <= alpha
-        winner = (names[i] if found.mean[k] < 0 else names[j]) if decided else ""
+        winner = "" if not corrected[k] <= alpha else names[i] if mean[k] < 0 else names[j]
         rows.append(
             Pair(
-                names[i], names[j], x.shape[1], float(np.exp(found.mean[k])), float(np.exp(found.low[k])),
-                float(np.exp(found.high[k])), float(found.p[k]), float(corrected[k]), winner,
+                names[i], names[j], x.shape[1], float(np.exp(mean[k])), float(np.exp(low[k])), float(np.exp(high[k])),
+                float(p[k]), float(corrected[k]), winner,
             )
         )  # fmt: skip
     return rows

@@ -2,14 +2,14 @@
 
 The figure is `rmse_full`: refused elements count with the error of a guess within the window, so that refusing difficult
 elements gives no advantage. A crash counts as refusing everything. All estimators are ranked on the same cells; ranks are
-intervals, from Holm-corrected paired differences.
+intervals, from paired differences corrected for the number of pairs: for other scenes of the kind (`pairs`), and for these (`here`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,10 @@ from ...estimators.labels import label_of
 from ...scenes.errors import InputError
 from ..statistics.skips import not_applicable
 from .bootstrap import MIN_SCENES, studentised
+from .here import compare_here
 from .pairs import Pair, pairwise
 from .profiles import Profile, performance_profiles
 from .rates import clustered_interval
-from .tile_ranks import compare_by_tiles
 
 __all__ = ["Comparison", "Ranked", "ScoreMatrix", "compare_estimators", "partial_readers", "score_matrix"]
 
@@ -31,13 +31,17 @@ Float = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScoreMatrix:
-    """Arrays (estimator, scene) of one condition and quantity: rmse over seeds and levels, number of refused elements."""
+    """Arrays (estimator, scene) of one condition and quantity: rmse over seeds and levels, number of refused elements.
+
+    captures: per scene (sums of squared errors (estimator, capture), counts (capture)); empty where estimators differ in counts.
+    """
 
     names: list[str]
     scenes: list[str]
     rmse_full: Float
     refused: Float
     n: Float
+    captures: list[tuple[Float, Float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class Ranked:
     """Rank of one estimator: geometric mean of `rmse_full` with its interval, rank interval, coverage with interval.
 
     `rank_low` − 1 others are significantly better at the family-wise level; all but `rank_high` are significantly worse.
+    `here_low`, `here_high`: the same on these scenes, with new captures of them.
     """
 
     name: str
@@ -56,20 +61,25 @@ class Ranked:
     coverage: float
     coverage_low: float
     coverage_high: float
+    here_low: int
+    here_high: int
 
 
 @dataclass(frozen=True)
 class Comparison:
     """Comparison of the estimators in a score table: ranks (best first), all pairs, and profiles.
 
-    basis: what ranks and intervals rest on: "scenes", then they hold for other scenes of the kind; "tiles", then they hold for
-    these scenes only; "" where nothing is decided.
+    basis: what ranks and intervals rest on: "scenes", then they hold for other scenes of the kind; "captures" or "tiles", then they
+    hold for these scenes only; "" where nothing is decided.
+    here: the pairs on these scenes, in the order of `pairs`; here_basis: "captures", "tiles", or "" where there are too few of either.
     """
 
     ranked: list[Ranked]
     pairs: list[Pair]
     profiles: list[Profile]
     basis: str = "scenes"
+    here: list[Pair] = field(default_factory=list)
+    here_basis: str = ""
 
 
 def _label(row: dict[str, Any]) -> str:
@@ -140,7 +150,29 @@ def score_matrix(
             square[i, j] += count * float(row["rmse_full"]) ** 2
             refused[i, j] += count * (1.0 - float(row["coverage"]))
             n[i, j] += count
-    return ScoreMatrix(names, scenes, np.sqrt(square / n), refused, n)
+    captures = _captures(cells, names, scenes)
+    return ScoreMatrix(names, scenes, np.sqrt(square / n), refused, n, captures)
+
+
+def _captures(
+    cells: Mapping[str, Mapping[tuple[Any, ...], dict[str, Any]]], names: Sequence[str], scenes: Sequence[str]
+) -> list[tuple[Float, Float]]:
+    """Per scene, sums of squared errors (estimator, seed) and counts (seed), pooled over levels."""
+    found = []
+    for scene in scenes:
+        keys = sorted((key for key in cells[names[0]] if str(key[0]) == scene), key=repr)
+        seeds = sorted({key[-1] for key in keys})
+        sums, n = np.zeros((2, len(names), len(seeds)))
+        for key in keys:
+            at = seeds.index(key[-1])
+            for i, name in enumerate(names):
+                row = cells[name][key]
+                n[i, at] += float(row["n"])
+                sums[i, at] += float(row["n"]) * float(row["rmse_full"]) ** 2
+        if not np.all(n == n[0]):
+            return []
+        found.append((sums, n[0]))
+    return found
 
 
 def compare_estimators(
@@ -151,8 +183,9 @@ def compare_estimators(
     Main arguments:
         matrix: see `score_matrix`.
     Other arguments:
-        tiles: errors by tile in each scene of the matrix, (sums (estimator, tile), counts). With fewer scenes than an interval
-        needs, ranks rest on them; without them they are 1 to the number of estimators.
+        tiles: errors by tile in each scene of the matrix, (sums (estimator, tile), counts): what is decided on these scenes rests on
+        them where there are too few captures of a scene. With fewer scenes than an interval over scenes needs, all rests on what
+        is decided here; without that, ranks are 1 to the number of estimators.
         alpha: family-wise error rate.
 
     A figure of exactly zero (a noise-free scene) is replaced by the root of the smallest positive number, so that its
@@ -163,22 +196,41 @@ def compare_estimators(
     found = studentised(np.log(figures))
     low_of, high_of = np.exp(found.low), np.exp(found.high)
     basis = "scenes" if len(matrix.scenes) >= MIN_SCENES else ""
-    if not basis and tiles is not None and (by_tile := compare_by_tiles(matrix.names, tiles, alpha=alpha)) is not None:
-        pairs, low_of, high_of, basis = by_tile.pairs, by_tile.low, by_tile.high, "tiles"
-    beaten = dict.fromkeys(matrix.names, 0)
-    beats = dict.fromkeys(matrix.names, 0)
+    here, here_basis = None, ""
+    for source, blocks in (("captures", matrix.captures), ("tiles", tiles)):
+        if here is None and blocks and (here := compare_here(matrix.names, blocks, alpha=alpha)) is not None:
+            here_basis = source
+    if not basis and here is not None:
+        pairs, low_of, high_of, basis = here.pairs, here.low, here.high, here_basis
+    return Comparison(
+        _ranked(matrix, pairs, here.pairs if here else [], (np.exp(found.mean), low_of, high_of)),
+        pairs, performance_profiles(matrix.names, figures), basis, here.pairs if here else [], here_basis,
+    )  # fmt: skip
+
+
+def _ranked(
+    matrix: ScoreMatrix, pairs: Sequence[Pair], here: Sequence[Pair], figures: tuple[Float, Float, Float]
+) -> list[Ranked]:
+    """Ranks of all estimators, the best first, from figures (mean, low, high)."""
+    low, high = _ranks(matrix.names, pairs)
+    here_low, here_high = _ranks(matrix.names, here)
+    ranked = []
+    for i, name in enumerate(matrix.names):
+        share, least, most = clustered_interval(matrix.n[i] - matrix.refused[i], matrix.n[i])
+        mean, below, above = (float(figure[i]) for figure in figures)
+        ranked.append(
+            Ranked(
+                name, mean, below, above, low[name], high[name], share, least, most, here_low[name], here_high[name]
+            )
+        )
+    return sorted(ranked, key=lambda r: (r.rmse_full, r.name))
+
+
+def _ranks(names: Sequence[str], pairs: Sequence[Pair]) -> tuple[dict[str, int], dict[str, int]]:
+    """The least and the largest rank of each name."""
+    beaten, beats = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
     for pair in pairs:
         if pair.winner:
             beats[pair.winner] += 1
             beaten[pair.a if pair.winner == pair.b else pair.b] += 1
-    ranked = []
-    for i, name in enumerate(matrix.names):
-        share, low, high = clustered_interval(matrix.n[i] - matrix.refused[i], matrix.n[i])
-        ranked.append(
-            Ranked(
-                name, float(np.exp(found.mean[i])), float(low_of[i]), float(high_of[i]),
-                1 + beaten[name], len(matrix.names) - beats[name], share, low, high,
-            )
-        )  # fmt: skip
-    ranked.sort(key=lambda r: (r.rmse_full, r.name))
-    return Comparison(ranked, pairs, performance_profiles(matrix.names, figures), basis)
+    return {name: 1 + beaten[name] for name in names}, {name: len(names) - beats[name] for name in names}

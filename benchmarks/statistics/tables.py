@@ -1,13 +1,16 @@
 """Tables of a run over its scenes: ranking.csv, pairs.csv and profiles.csv.
 
 One group of rows per modality, stage, quantity and condition, from scenes without stress; groups are not compared with
-each other. The column `basis` states what ranks and intervals rest on: "scenes" with six scenes or more; "tiles" with fewer,
-of the main quantity, where the run kept its errors by tile: then they hold for these scenes only; empty where all is open.
+each other. The column `basis` states what ranks and intervals rest on: "scenes" with six scenes or more; with fewer "captures", of which
+a scene needs fifteen, or "tiles" of the main quantity, where the run kept its errors by tile: then they hold for these scenes only;
+empty where all is open. `here`, `here_lo`, `here_hi`, `p_here`, `winner_here` are always of these scenes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -16,6 +19,7 @@ import numpy.typing as npt
 from ...captures.layouts import is_main_quantity
 from ...estimators.labels import label_of
 from ..statistics.skips import not_applicable
+from .pairs import holm
 from .ranking import ScoreMatrix, compare_estimators, partial_readers, score_matrix
 from .suspects import suspects_of
 
@@ -24,9 +28,12 @@ __all__ = ["PAIR_COLUMNS", "PROFILE_COLUMNS", "RANKING_COLUMNS", "Tiles", "infer
 _GROUP = ("modality", "stage", "quantity", "condition")
 RANKING_COLUMNS = (
     *_GROUP, "estimator", "scenes", "rank_lo", "rank_hi", "rmse_full", "rmse_full_lo", "rmse_full_hi", "coverage",
-    "coverage_lo", "coverage_hi", "profile_best", "profile_area", "basis", "jail",
+    "coverage_lo", "coverage_hi", "profile_best", "profile_area", "basis", "jail", "here", "here_lo", "here_hi",
 )  # fmt: skip
-PAIR_COLUMNS = (*_GROUP, "a", "b", "scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm", "winner", "basis")
+PAIR_COLUMNS = (
+    *_GROUP, "a", "b", "scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm", "winner", "basis", "p_adjusted",
+    "here", "p_here", "winner_here",
+)  # fmt: skip
 PROFILE_COLUMNS = (*_GROUP, "estimator", "factor", "share")
 _JAIL = {True: "yes", False: "no", None: ""}
 
@@ -42,8 +49,8 @@ def inference_tables(
 
     Estimators that are suspect in a scene
     (`suspects`: no error at all, or better than the bound by more than chance) are in none of the three tables.
-    `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where the Holm-corrected
-    difference is not significant at 5 %. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator
+    `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where `p_adjusted`, corrected for all
+    pairs, is above 5 %; `p_holm` is `p` corrected by Holm's bound instead, for those who know nothing but `p`. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator
     have a ranking and no pairs. `jail` of a ranking: "yes" or "no", whether the estimators were kept from the truth; "" if unknown.
 
     Raises:
@@ -75,12 +82,15 @@ def inference_tables(
                 "rmse_full_hi": row.high, "coverage": row.coverage, "coverage_lo": row.coverage_low,
                 "coverage_hi": row.coverage_high, "profile_best": profile[row.name].best,
                 "profile_area": profile[row.name].area, "basis": found.basis, "jail": _JAIL[jail],
+                "here": found.here_basis, "here_lo": row.here_low, "here_hi": row.here_high,
             })  # fmt: skip
-        for pair in found.pairs:
+        bounds = holm([pair.p for pair in found.pairs])
+        for pair, bound, here in zip_longest(found.pairs, bounds, found.here):
             pairs.append({
                 **group, "a": pair.a, "b": pair.b, "scenes": pair.scenes, "ratio": pair.ratio, "ratio_lo": pair.low,
-                "ratio_hi": pair.high, "p": pair.p, "p_holm": pair.p_holm, "winner": pair.winner,
-                "basis": found.basis,
+                "ratio_hi": pair.high, "p": pair.p, "p_holm": float(bound), "winner": pair.winner,
+                "basis": found.basis, "p_adjusted": pair.p_adjusted, "here": found.here_basis,
+                "p_here": here.p_adjusted if here else math.nan, "winner_here": here.winner if here else "",
             })  # fmt: skip
         for item in found.profiles:
             for factor, share in zip(item.factor, item.share, strict=True):

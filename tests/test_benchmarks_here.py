@@ -8,7 +8,7 @@ import numpy as np
 
 from beambench.benchmarks.statistics.ranking import ScoreMatrix, compare_estimators
 from beambench.benchmarks.statistics.tables import inference_tables
-from beambench.benchmarks.statistics.tile_ranks import compare_by_tiles
+from beambench.benchmarks.statistics.here import compare_here
 
 from ._api_fixtures import score_row
 
@@ -23,7 +23,7 @@ def scene(rng: np.random.Generator, factors: list[float], common: float = 1.0) -
 
 
 def test_a_difference_of_ten_percent_on_one_scene_is_decided() -> None:
-    found = compare_by_tiles(NAMES, [scene(np.random.default_rng(1), [1.0, 1.1, 1.3], common=0.3)])
+    found = compare_here(NAMES, [scene(np.random.default_rng(1), [1.0, 1.1, 1.3], common=0.3)])
     assert found is not None
     assert [pair.winner for pair in found.pairs] == ["a", "a", "b"]
     for pair, ratio in zip(found.pairs, (1 / 1.1, 1 / 1.3, 1.1 / 1.3), strict=True):
@@ -36,7 +36,7 @@ def test_equal_estimators_are_seldom_called_different() -> None:
     rng = np.random.default_rng(5)
     wrong = 0
     for _ in range(200):
-        found = compare_by_tiles(NAMES, [scene(rng, [1.0, 1.0, 1.0]), scene(rng, [1.0, 1.0, 1.0])])
+        found = compare_here(NAMES, [scene(rng, [1.0, 1.0, 1.0]), scene(rng, [1.0, 1.0, 1.0])])
         assert found is not None
         wrong += any(pair.winner for pair in found.pairs)
     assert wrong <= 10 + 3 * math.sqrt(10), wrong
@@ -44,14 +44,14 @@ def test_equal_estimators_are_seldom_called_different() -> None:
 
 def test_the_same_estimator_twice_is_equal() -> None:
     sums, counts = scene(np.random.default_rng(2), [1.0, 1.0])
-    found = compare_by_tiles(["a", "b"], [(np.stack([sums[0], sums[0]]), counts)])
+    found = compare_here(["a", "b"], [(np.stack([sums[0], sums[0]]), counts)])
     assert found is not None and found.pairs[0].winner == "" and found.pairs[0].p == 1.0
 
 
 def test_one_bad_tile_leaves_the_rank_open() -> None:
     sums, counts = scene(np.random.default_rng(3), [1.0, 2.0, 4.0], common=0.2)
     sums[2, 7] *= 1e4
-    found = compare_by_tiles(NAMES, [(sums, counts)])
+    found = compare_here(NAMES, [(sums, counts)])
     assert found is not None
     assert [pair.winner for pair in found.pairs] == ["a", "", ""]
     assert math.isnan(found.low[2]) and not math.isnan(found.low[0])
@@ -59,7 +59,7 @@ def test_one_bad_tile_leaves_the_rank_open() -> None:
 
 def test_few_tiles_decide_nothing() -> None:
     sums, counts = scene(np.random.default_rng(4), [1.0, 9.0])
-    assert compare_by_tiles(["a", "b"], [(sums[:, :10], counts[:10])]) is None
+    assert compare_here(["a", "b"], [(sums[:, :10], counts[:10])]) is None
 
 
 def test_scenes_are_used_where_there_are_enough() -> None:
