@@ -113,20 +113,23 @@ def _cell(by: pd.DataFrame, scene: str, factor: float) -> str:
 def overview(own: pd.DataFrame, ranks: pd.DataFrame) -> str:
     """Rank, error over bound, failures, stated errors and cost of each estimator of a quantity."""
     lines = [
-        "| estimator | rank | error / bound | calibrated | failed | coverage | z | CPU ratio |",
-        "|---|---|---|---|---|---|---|---|",
+        "| estimator | rank | on these scenes | error / bound | calibrated | failed | coverage | z | CPU ratio |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     matched, other = own[own.condition == "matched"], own[own.condition == "calibrated"]
     cost = matched.groupby("name").apply(lambda r: float((r.cpu_s * r.seeds).sum() / r.n.sum()), include_groups=False)
     for name in ranked(matched):
         rows, declared = matched[matched["name"] == name], other[other["name"] == name]
         rank = ranks[ranks.estimator == name]
-        place = "–" if rank.empty else _span(int(rank.rank_lo.iloc[0]), int(rank.rank_hi.iloc[0]))
+        place = here = "–"
+        if not rank.empty:
+            place = _span(int(rank.rank_lo.iloc[0]), int(rank.rank_hi.iloc[0]))
+            here = _span(int(rank.here_lo.iloc[0]), int(rank.here_hi.iloc[0]))
         failed = float((rows.failure_rate * rows.n).sum() / rows.n.sum())
         covered = float((rows.coverage * rows.n).sum() / rows.n.sum())
         z = float(np.sqrt((rows.z_rms**2 * rows.n).sum() / rows.n[rows.z_rms.notna()].sum()))
         lines.append(
-            f"| `{name}` | {place} | {_number(_middle(rows))} | {_number(_middle(declared))} "
+            f"| `{name}` | {place} | {here} | {_number(_middle(rows))} | {_number(_middle(declared))} "
             f"| {100 * failed:.2g} % | {100 * covered:.4g} % | {_number(z)} | {_number(cost[name] / cost.min())} |"
         )
     return "\n".join(lines)

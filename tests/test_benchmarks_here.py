@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from beambench.benchmarks.statistics.here import compare_here
 from beambench.benchmarks.statistics.ranking import ScoreMatrix, compare_estimators
 from beambench.benchmarks.statistics.tables import inference_tables
-from beambench.benchmarks.statistics.here import compare_here
 
 from ._api_fixtures import score_row
 
@@ -89,3 +89,49 @@ def test_tables_rank_by_the_tiles_of_the_run_and_say_so() -> None:
     assert found["pairs.csv"][1][0]["winner"] == "a"
     del tiles["flat-wall", "matched", 0, "b"]
     assert {row["basis"] for row in inference_tables(rows, tiles)["ranking.csv"][1]} == {""}
+
+
+def test_captures_decide_what_scenes_leave_open() -> None:
+    """Eight scenes that differ among themselves, 20 captures each: 10 % apart on all of them is sure here, and not elsewhere."""
+    rng = np.random.default_rng(8)
+    rows, taste = [], 0.4 * rng.normal(size=8)  # a scene prefers one or the other
+    for k in range(8):
+        hard = np.exp(rng.normal())
+        for seed in range(20):
+            for name, factor in (("a", 1.0), ("b", 1.1 * math.exp(taste[k] - taste.mean()))):
+                error = hard * factor * math.exp(0.05 * rng.normal())
+                rows.append(
+                    score_row(
+                        scene=f"s{k}", seed=seed, estimator=name, stage="range", level=math.nan, level2=math.nan,
+                        stress2="none", rmse_full=error, rmse=error, bound=1e-9, n=100,
+                    )
+                )  # fmt: skip
+    tables = inference_tables(rows)
+    (pair,) = tables["pairs.csv"][1]
+    assert pair["basis"] == "scenes" and pair["winner"] == "" and pair["p_adjusted"] > 0.05
+    assert pair["here"] == "captures" and pair["winner_here"] == "a" and pair["p_here"] < 0.01
+    ranks = {
+        row["estimator"]: (row["rank_lo"], row["rank_hi"], row["here_lo"], row["here_hi"])
+        for row in tables["ranking.csv"][1]
+    }
+    assert ranks == {"a": (1, 2, 1, 1), "b": (1, 2, 2, 2)}
+    few = inference_tables([row for row in rows if row["scene"] < "s4"])["ranking.csv"][1]
+    assert {(row["basis"], row["here"]) for row in few} == {("captures", "captures")}
+    assert {row["here"] for row in inference_tables([row for row in rows if row["seed"] < 10])["ranking.csv"][1]} == {
+        ""
+    }
+
+
+def test_equal_estimators_on_twenty_captures_are_seldom_called_different() -> None:
+    """Ten scenes of 20 captures: 4 equal estimators, 200 times; at most 5 % wrong, and 3 binomial deviations."""
+    rng = np.random.default_rng(9)
+    wrong = 0
+    for _ in range(200):
+        scenes = []
+        for _scene in range(10):
+            hard = np.exp(0.3 * rng.normal(size=20))
+            scenes.append((hard * rng.chisquare(30, (4, 20)), np.full(20, 100.0)))
+        found = compare_here(list("abcd"), scenes)
+        assert found is not None
+        wrong += any(pair.winner for pair in found.pairs)
+    assert wrong <= 10 + 3 * math.sqrt(10), wrong

@@ -16,11 +16,11 @@ from beambench.benchmarks.statistics.tables import RANKING_COLUMNS
 from ._api_fixtures import make_run, score_row
 
 
-def _ranking(folder: Path, basis: str, scenes: int) -> str:
+def _ranking(folder: Path, basis: str, scenes: int, here: str = "") -> str:
     rows = [
         dict.fromkeys(RANKING_COLUMNS, 0.5)
         | {"modality": "gated", "stage": "range", "quantity": "range", "condition": "matched", "estimator": name}
-        | {"scenes": scenes, "rank_lo": low, "rank_hi": low, "basis": basis}
+        | {"scenes": scenes, "rank_lo": low, "rank_hi": low, "basis": basis, "here": here, "here_lo": low, "here_hi": 2}
         for low, name in ((1, "a"), (2, "b"))
     ]
     (folder / "ranking.csv").write_text(to_csv(rows, RANKING_COLUMNS))
@@ -31,10 +31,22 @@ def _ranking(folder: Path, basis: str, scenes: int) -> str:
 
 @pytest.mark.parametrize(
     ("basis", "scenes", "words"),
-    [("tiles", 3, "hold for these scenes"), ("scenes", 8, "hold for other scenes"), ("", 3, "all ranks remain open")],
-)
+    [
+        ("tiles", 3, "tile by tile"), ("captures", 3, "hold for these scenes, with new noise, poses"),
+        ("scenes", 8, "hold for other scenes"), ("", 3, "all ranks remain open"),
+    ],
+)  # fmt: skip
 def test_a_ranking_says_what_it_rests_on(tmp_path: Path, basis: str, scenes: int, words: str) -> None:
-    assert words in _ranking(tmp_path, basis, scenes)
+    note = _ranking(tmp_path, basis, scenes)
+    assert words in note and "Ranks on these scenes" not in note
+
+
+def test_ranks_on_these_scenes_stand_beside_those_over_scenes(tmp_path: Path) -> None:
+    note = _ranking(tmp_path, "scenes", 8, here="captures")
+    assert "hold for other scenes" in note and "capture by capture" in note
+    (section,) = ranking_section(tmp_path)
+    assert section["head"][:3] == ["rank", "on these scenes", "estimator"]
+    assert [row[:3] for row in section["rows"]] == [["1", "1 to 2", "a"], ["2", "2", "b"]]
 
 
 def _table() -> pd.DataFrame:
@@ -57,6 +69,8 @@ def test_the_lead_uses_what_the_tables_decided_and_names_its_basis() -> None:
     pairs[1]["winner"] = ""
     assert "1 of 2 others significantly worse on these scenes" in summary(_table(), pairs)[0]
     assert "too few scenes" in summary(_table())[0]
+    over = [pair | {"basis": "scenes", "winner": "", "winner_here": "a"} for pair in pairs]
+    assert "0 of 2 others significantly worse over scenes, 2 on these scenes" in summary(_table(), over)[0]
 
 
 def test_failures_on_mixed_elements_are_told_apart_in_the_lead() -> None:

@@ -55,5 +55,8 @@ def _matrix(key: tuple[str, ...], rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _cell(ratio: float, low: float, high: float, row: dict[str, Any], name: str) -> dict[str, Any]:
     kind = "open" if not row["winner"] else "better" if row["winner"] == name else "worse"
-    p = f", p {number(row['p_holm'], 2)}" if row["p_holm"] == row["p_holm"] else ""
-    return {"kind": kind, "text": number(ratio), "more": f"{span(low, high).strip()}{p}".strip(", ")}
+    corrected = float(row.get("p_adjusted") or row["p_holm"])  # tables of before have Holm's only
+    p = f", p {number(corrected, 2)}" if corrected == corrected else ""
+    here = row.get("winner_here", "") if kind == "open" else ""
+    told = f", on these scenes {'better' if here == name else 'worse'}" if here else ""
+    return {"kind": kind, "text": number(ratio), "more": f"{span(low, high).strip()}{p}{told}".strip(", ")}

@@ -21,6 +21,13 @@ _NUMBERS = (
 )  # fmt: skip
 
 _WHOLE = ("scenes", "rank_lo", "rank_hi")
+#: What the ranks on these scenes rest on, by `here`.
+_BLOCKS = {
+    "captures": "with new noise, poses and calibrations: errors are compared capture by capture, and captures drawn anew (block "
+    "bootstrap).",
+    "tiles": "with new noise: errors are compared tile by tile (8 × 8 tiles of an image, 64 of a record), and the tiles drawn anew "
+    "(block bootstrap).",
+}
 _PAIR_NUMBERS = ("scenes", "ratio", "ratio_lo", "ratio_hi", "p", "p_holm")
 
 
@@ -59,7 +66,7 @@ def ranking_section(folder: Path) -> list[dict[str, Any]]:
         scenes = int(rows[0]["scenes"])
         note = f"Over {plural(scenes, 'scene')} without stress. " + _basis(rows[0], rows)
         factor, unit = shown_as(rows[0]["modality"], rows[0]["quantity"], rows[0].get("unit", ""))
-        head = (
+        head = [
             "rank",
             "estimator",
             f"RMSE over scenes, {unit}",
@@ -67,8 +74,12 @@ def ranking_section(folder: Path) -> list[dict[str, Any]]:
             "best on",
             "area of profile",
             "detail kept",
-        )
+        ]
         shown = [[*_row(row, factor), _kept(kept.get((*key[1:], row["estimator"]), []))] for row in rows]
+        if _both(rows[0]) and len(rows) > 1:
+            head.insert(1, "on these scenes")
+            for cells, row in zip(shown, rows, strict=True):
+                cells.insert(1, _ranks(float(row["here_lo"]), float(row["here_hi"])))
         sections.append({
             "title": f"{key[0]}, {key[2]}, {key[3]}", "note": note, "head": head, "rows": shown,
         })  # fmt: skip
@@ -88,22 +99,28 @@ def _basis(first: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     if len(rows) == 1:
         return "There is one estimator, so nothing to rank."
     if first["scenes"] >= 6:
-        return "Ranks and intervals are over scenes: they hold for other scenes of the kind."
-    if first.get("basis") != "tiles":
-        return "Ranks and intervals need at least six scenes, or errors by tile: all ranks remain open."
-    note = (
-        "That is too few to speak of other scenes. Ranks and intervals hold for these scenes, with new noise: errors are "
-        "compared tile by tile (8 × 8 tiles of an image, 64 of a record), and the tiles drawn anew (block bootstrap)."
-    )
+        note = "Ranks and intervals are over scenes: they hold for other scenes of the kind."
+        return note + (f" Ranks on these scenes hold for these, {_BLOCKS[first['here']]}" if _both(first) else "")
+    if first.get("basis") not in _BLOCKS:
+        return "Ranks and intervals need six scenes, or fifteen captures of each, or errors by tile: all ranks remain open."
+    note = f"That is too few to speak of other scenes. Ranks and intervals hold for these scenes, {_BLOCKS[first['basis']]}"
     if any(row["rmse_full_lo"] != row["rmse_full_lo"] for row in rows):
-        note += " An estimator without an interval has most of its error in a few tiles; its rank remains open."
+        note += " An estimator without an interval has most of its error in a few of them; its rank remains open."
     return note
 
 
+def _both(first: dict[str, Any]) -> bool:
+    """Whether ranks are over scenes, and others on these scenes beside them."""
+    return bool(first["scenes"] >= 6 and first.get("here") in _BLOCKS)
+
+
+def _ranks(low: float, high: float) -> str:
+    return f"{low:.0f}" if low == high else f"{low:.0f} to {high:.0f}"
+
+
 def _row(row: dict[str, Any], factor: float) -> list[str]:
-    low, high = int(row["rank_lo"]), int(row["rank_hi"])
     return [
-        str(low) if low == high else f"{low} to {high}",
+        _ranks(row["rank_lo"], row["rank_hi"]),
         row["estimator"],
         number(row["rmse_full"] * factor) + span(row["rmse_full_lo"] * factor, row["rmse_full_hi"] * factor),
         rate(row["coverage"]),

@@ -110,18 +110,22 @@ def beaten_by_best(
         and str(row.get("condition", "")) in ("", *(cell.condition for cell in cells[:1]))
         and not str(row.get("quantity", "")).endswith("-mixed")
     ]
-    bases = {str(row.get("basis", "")) for row in mine} & {"scenes", "tiles"}
+    bases = {str(row.get("basis", "")) for row in mine} & {"scenes", "captures", "tiles"}
     # An estimator with several quantities is better only where it is better in all of them.
     won: dict[str, bool] = {}
+    here: dict[str, bool] = {}
     for row in mine:
         other = str(row["b"] if row["a"] == best else row["a"])
         won[other] = won.get(other, True) and row["winner"] == best
-    told = "on these scenes" if "tiles" in bases else "over scenes" if bases else ""
+        here[other] = here.get(other, True) and row.get("winner_here") == best
+    told = "on these scenes" if bases & {"captures", "tiles"} else "over scenes" if bases else ""
+    if told == "over scenes" and sum(here.values()) > sum(won.values()):
+        told += f", {sum(here.values())} on these scenes"
     return sum(won.values()), len(names) - 1, told
 
 
 def _over_scenes(cells: list[Cell], names: list[str]) -> list[dict[str, Any]]:
-    """Pairs of estimators over scenes, by paired differences with Holm's correction, as rows of pairs.csv."""
+    """Pairs of estimators over scenes, by paired differences corrected for their number, as rows of pairs.csv."""
     from ..statistics.bootstrap import MIN_SCENES
     from ..statistics.pairs import pairwise
 

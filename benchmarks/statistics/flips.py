@@ -51,7 +51,7 @@ def _shares(scenes: int) -> Float:
     else:
         held = np.random.Generator(np.random.PCG64(_SEED)).integers(0, 2, (_DRAWS, scenes)).astype(np.float64)
         held[held.sum(axis=1) == 0, 0] = 1.0
-    return held / held.sum(axis=1, keepdims=True)
+    return np.asarray(held / held.sum(axis=1, keepdims=True))
 
 
 def flip_tests(differences: npt.ArrayLike) -> tuple[Float, Float]:

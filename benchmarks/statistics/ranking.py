@@ -2,7 +2,8 @@
 
 The figure is `rmse_full`: refused elements count with the error of a guess within the window, so that refusing difficult
 elements gives no advantage. A crash counts as refusing everything. All estimators are ranked on the same cells; ranks are
-intervals, from paired differences corrected for the number of pairs: for other scenes of the kind (`pairs`), and for these (`here`).
+intervals, from paired differences corrected for the number of pairs: for other scenes of the kind (`pairs`), and for these
+(`here`).
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class Comparison:
 
     basis: what ranks and intervals rest on: "scenes", then they hold for other scenes of the kind; "captures" or "tiles", then they
     hold for these scenes only; "" where nothing is decided.
-    here: the pairs on these scenes, in the order of `pairs`; here_basis: "captures", "tiles", or "" where there are too few of either.
+    here: the pairs on these scenes, in the order of `pairs`; here_basis: "captures", "tiles", or "" where there are too few.
     """
 
     ranked: list[Ranked]
@@ -183,8 +184,8 @@ def compare_estimators(
     Main arguments:
         matrix: see `score_matrix`.
     Other arguments:
-        tiles: errors by tile in each scene of the matrix, (sums (estimator, tile), counts): what is decided on these scenes rests on
-        them where there are too few captures of a scene. With fewer scenes than an interval over scenes needs, all rests on what
+        tiles: errors by tile in each scene of the matrix, (sums (estimator, tile), counts): what is decided on these scenes rests
+        on them where there are too few captures of a scene. With fewer scenes than an interval over scenes needs, all rests on what
         is decided here; without that, ranks are 1 to the number of estimators.
         alpha: family-wise error rate.
 
@@ -219,9 +220,7 @@ def _ranked(
         share, least, most = clustered_interval(matrix.n[i] - matrix.refused[i], matrix.n[i])
         mean, below, above = (float(figure[i]) for figure in figures)
         ranked.append(
-            Ranked(
-                name, mean, below, above, low[name], high[name], share, least, most, here_low[name], here_high[name]
-            )
+            Ranked(name, mean, below, above, low[name], high[name], share, least, most, here_low[name], here_high[name])
         )
     return sorted(ranked, key=lambda r: (r.rmse_full, r.name))
 

@@ -6,7 +6,8 @@ Sort the observed statistics T_1 >= T_2 >= …. With T*_k the statistics of one 
 
 so that tests that go together (a >> b, a >> c) cost less than by Holm's bound, and a test that was decided costs no more.
 The chance of any wrong rejection is at most α where the draws are exchangeable with the observation.
-Source: P. Westfall and S. Young, Resampling-Based Multiple Testing, 1993, sec. 2.6; J. Romano and M. Wolf, Econometrica 73:1237, 2005.
+Source: P. Westfall and S. Young, Resampling-Based Multiple Testing, 1993, sec. 2.6; J. Romano and M. Wolf, Econometrica 73:1237,
+2005.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Tables of a run over its scenes: ranking.csv, pairs.csv and profiles.csv.
 
 One group of rows per modality, stage, quantity and condition, from scenes without stress; groups are not compared with
-each other. The column `basis` states what ranks and intervals rest on: "scenes" with six scenes or more; with fewer "captures", of which
-a scene needs fifteen, or "tiles" of the main quantity, where the run kept its errors by tile: then they hold for these scenes only;
-empty where all is open. `here`, `here_lo`, `here_hi`, `p_here`, `winner_here` are always of these scenes.
+each other. The column `basis` states what ranks and intervals rest on: "scenes" with six scenes or more; with fewer "captures", of
+which a scene needs fifteen, or "tiles" of the main quantity, where the run kept its errors by tile: then they hold for these
+scenes only; empty where all is open. `here`, `here_lo`, `here_hi`, `p_here`, `winner_here` are always of these scenes.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ def inference_tables(
 ) -> dict[str, tuple[tuple[str, ...], list[dict[str, Any]]]]:
     """{file name: (columns, rows)} from rows of a score table, for `tables.to_csv`, and from its errors by tile.
 
-    Estimators that are suspect in a scene
-    (`suspects`: no error at all, or better than the bound by more than chance) are in none of the three tables.
-    `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where `p_adjusted`, corrected for all
-    pairs, is above 5 %; `p_holm` is `p` corrected by Holm's bound instead, for those who know nothing but `p`. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator
-    have a ranking and no pairs. `jail` of a ranking: "yes" or "no", whether the estimators were kept from the truth; "" if unknown.
+    Estimators that are suspect in a scene (`suspects`: no error at all, or better than the bound by more than chance) are in
+    none of the three tables. `ratio` is the geometric mean over scenes of a's `rmse_full` over b's; `winner` is empty where
+    `p_adjusted`, corrected for all pairs, is above 5 %; `p_holm` is `p` corrected by Holm's bound instead, for those who know
+    nothing but `p`. `profile_best` and `profile_area`: see `profiles.py`. Groups with one estimator have a ranking and no pairs.
+    `jail` of a ranking: "yes" or "no", whether the estimators were kept from the truth; "" if unknown.
 
     Raises:
         InputError: an estimator lacks a cell that another has, or has one twice.
