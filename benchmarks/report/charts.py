@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from ...scenes.plain_text import plain_text
-from ..folders.files import write_atomic, write_text
 from .cell import Cell, common_noun
 from .data import unit_scale
 from .front import SUSPECT
@@ -21,8 +19,8 @@ from .numbers import number, rate, span
 from .styles import Style, styles_of
 
 __all__ = [
-    "CHOSEN", "STILLS", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative", "save_charts",
-    "speed_accuracy_spec", "svg_of",
+    "CHOSEN", "STILLS", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative",
+    "speed_accuracy_spec", "still_specs", "svg_of",
 ]  # fmt: skip
 
 FRONT, BOUND, DOUBT, GROUND = "#D55E00", "#8a8f98", "#b00020", "var(--card)"
@@ -202,35 +200,19 @@ def _log(values: list[float]) -> Spec:
     return {"scale": {"type": "log", "domain": [lo, hi], "nice": False}, "axis": axis}
 
 
-def save_charts(cells: list[Cell], png: Path, svg: Path, styles: Mapping[str, Style]) -> str:
-    """Write the speed-accuracy chart as SVG, of all panels, and as PNG, of the first `STILLS` where there are more.
+def still_specs(cells: list[Cell], styles: Mapping[str, Style]) -> list[Spec]:
+    """The finished speed-accuracy chart of all panels and, where there are more than `STILLS`, that of the first of them.
 
-    Returns the SVG of the panels of the PNG.
-
-    Raises:
-        InputError: the files cannot be written.
+    Nobody reads a picture of ninety charts, and to draw its pixels takes longer than the rest of the page.
     """
-    import vl_convert as vlc
-
     panels = panels_of(cells)
     size = {"width": WIDTH, "height": HEIGHT}
     charts = [
         _panel(group, page=False, styles=styles) | size | {"title": panel_title(panel, panels)}
         for panel, group in panels.items()
     ]
-    drawing = svg_of(finished({"concat": charts, "columns": 3}, page=False))
-    first = drawing
-    # Nobody reads a picture of ninety charts, and to draw its pixels takes longer than the rest of the page.
-    if len(charts) > STILLS:
-        first = svg_of(finished({"concat": charts[:STILLS], "columns": 3}, page=False))
-    image: bytes = vlc.svg_to_png(first, scale=2.0)
-    write_atomic(png, lambda path: _write(path, image))
-    write_text(svg, drawing)
-    return first
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+    shown = [charts, charts[:STILLS]] if len(charts) > STILLS else [charts]
+    return [finished({"concat": some, "columns": 3}, page=False) for some in shown]
 
 
 def svg_of(spec: Spec) -> str:

@@ -63,7 +63,7 @@ def charts_of(folder: Path, base: list[Cell], cells: list[Cell], styles: Mapping
         _place(
             "Breakdown", f"Share of failed {noun}s as a stress grows; lower is better.", stresses,
             "This run applies no stress at two levels or more. This command measures where its estimators fail:",
-            f"beambench sweep {_stress_suite(cells)}",
+            "" if any(chart["spec"] for chart in stresses) else f"beambench sweep {_stress_suite(cells)}",
         ),
         _fidelity(folder, cells, name),
     ]  # fmt: skip

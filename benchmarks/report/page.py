@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 from ...estimators.labels import split_label
-from ..folders.files import write_text
+from ..folders.files import write_atomic, write_text
 from ..runner.costs import read_costs
 from ..runner.jail import NO_JAIL
 from ..scores.error_tiles import read_tiles
 from ..scores.tables import read_scores
 from .above_bound import above_bound
+from .apart import Apart, start
 from .breakdown import page_section
 from .cell import Cell, common_noun
-from .charts import STILLS, VERDICT_MARKS, save_charts
+from .charts import STILLS, VERDICT_MARKS, still_specs
 from .data import base_cells, cells_of, read_run, seeds_of, unit_scale
 from .exports import EXPORTS, write_exports
 from .front import mark_front
@@ -66,22 +68,20 @@ def write_report(run_dir: str | Path) -> Path:
     costs = read_costs(folder)
     mark_front(base, costs, read_tiles(folder))
     styles = styles_of(c.label for c in ran)
+    apart = start(still_specs(base, styles), scale=2.0)
     charts = charts_of(folder, base, cells, styles, _folder_name(folder))
     order = [r.label for r in rank(base)]
     suite = str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run"))
     words = {"title": str(run.get("title") or suite), "command": _command(run)}
     sentences = summary(table, read_pairs(folder))
-    page = _render(
-        **words,
-        suite=suite,
-        summary=sentences,
+    content = dict(
+        **words, suite=suite, summary=sentences,
         doubts=above_bound(cells),
         counts=_counts(table, cells),
         opening=charts.opening,
         panels=charts.panels,
         stresses=charts.stresses,
         estimators=_legend(ran, order, styles),
-        chart_svg=save_charts(base, folder / "speed-accuracy.png", folder / "speed-accuracy.svg", styles),
         stress_svg=static_stresses(charts.groups, styles),
         table=score_table(ran),
         verdict_marks=VERDICT_MARKS,
@@ -99,11 +99,21 @@ def write_report(run_dir: str | Path) -> Path:
         **_record(run) | {"stills": STILLS},
         exports=EXPORTS,
         data=_data(charts.specs(), ran, pictures, order),
-    )
-    path = folder / "report.html"
-    write_text(path, page)
+    )  # fmt: skip
+    write_text(folder / "report.html", _render(apart, folder, **content))
     write_exports(folder, **words, sentences=sentences, base=base_cells(ran), shown=sorted_cells(ran))
-    return path
+    return folder / "report.html"
+
+
+def _saved(drawn: Apart, folder: Path) -> str:
+    """Write the drawings of the first chart into the folder; returns the SVG that the page shows without scripts."""
+    write_atomic(folder / "speed-accuracy.png", lambda path: _write(path, drawn.png))
+    write_text(folder / "speed-accuracy.svg", drawn.svgs[0])
+    return drawn.svgs[-1]
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
 
 
 def _only(words: list[str], otherwise: str) -> str:
@@ -152,7 +162,8 @@ def _provenance(run: dict[str, Any]) -> list[tuple[str, str]]:
     return facts + [(name, str(versions[name])) for name in ("beambench", "python") if versions.get(name)]
 
 
-def _render(**content: Any) -> str:
+def _render(apart: Future[Apart], folder: Path, **content: Any) -> str:
+    """The page; waits for the drawings, and writes their files."""
     import vl_convert as vlc
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -169,7 +180,9 @@ def _render(**content: Any) -> str:
         "script": "\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in _SCRIPTS),
         "vega": vlc.javascript_bundle(_EXPORTS).replace("</script", "<\\/script"),
     }
-    return environment.get_template("report.html.j2").render(**content, **trusted)
+    return environment.get_template("report.html.j2").render(
+        chart_svg=_saved(apart.result(), folder), **content, **trusted
+    )
 
 
 def _script_json(value: object) -> str:

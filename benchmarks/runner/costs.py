@@ -120,7 +120,7 @@ def cost_interval(
     calls underestimate their scatter. √(π/2): standard error of a median over that of a mean, for normal scatter. The
     interval does not include differences between processes or days.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     own, _ = _pooled(own_rows)
     common, freedom = _pooled(all_rows)
@@ -128,7 +128,7 @@ def cost_interval(
     if freedom < 1 or calls < 1 or not middle > 0:
         return math.nan, math.nan
     scatter = max(common, own) if own == own else common
-    half = float(t.ppf(0.975, freedom)) * scatter * math.sqrt(0.5 * math.pi / calls)
+    half = float(stdtrit(freedom, 0.975)) * scatter * math.sqrt(0.5 * math.pi / calls)
     return middle * math.exp(-half), middle * math.exp(half)
 
 

@@ -40,7 +40,7 @@ def _mean_interval(values: list[float], weights: list[float]) -> tuple[float, fl
 
     Student's t of the logarithm, linearised, because squares are skewed and not negative. (NaN, NaN) with one seed.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     pairs = [(v, w) for v, w in zip(values, weights, strict=True) if not math.isnan(v) and w > 0]
     if len(pairs) < 2:
@@ -51,7 +51,7 @@ def _mean_interval(values: list[float], weights: list[float]) -> tuple[float, fl
     if mean == 0:
         return 0.0, 0.0
     spread = float(((share * (value / mean - 1.0)) ** 2).sum()) * len(pairs) / (len(pairs) - 1)
-    half = float(t.ppf(0.975, len(pairs) - 1)) * math.sqrt(spread)
+    half = float(stdtrit(len(pairs) - 1, 0.975)) * math.sqrt(spread)
     return mean * math.exp(-half), mean * math.exp(half)
 
 

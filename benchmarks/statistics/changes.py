@@ -104,7 +104,7 @@ def _mean_ratio(a: pd.Series[float], b: pd.Series[float]) -> tuple[float, float,
     mean = float(logs.mean())
     if logs.size < 2:
         return math.exp(mean), math.nan, math.nan
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
-    half = float(t.ppf(0.975, logs.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(logs.size)
+    half = float(stdtrit(logs.size - 1, 0.975)) * float(logs.std(ddof=1)) / math.sqrt(logs.size)
     return math.exp(mean), math.exp(mean - half), math.exp(mean + half)

@@ -88,7 +88,7 @@ def paired_order(sums: npt.ArrayLike, *, error_rate: float = 0.05) -> Order:
     with one zero and one positive total; if all units are equal, neither total is smaller.
     Source: W. G. Cochran, Sampling Techniques, 3rd ed., 1977, sec. 6.3 (ratios).
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     x = np.asarray(sums, np.float64)
     points, units = x.shape
@@ -96,7 +96,7 @@ def paired_order(sums: npt.ArrayLike, *, error_rate: float = 0.05) -> Order:
     same = (x[:, None, :] == x[None, :, :]).all(axis=2)
     if units >= 2 and points >= 2:
         total = x.sum(axis=1)
-        quantile = float(t.ppf(1.0 - 0.5 * error_rate / (points - 1), units - 1))
+        quantile = float(stdtrit(units - 1, 1.0 - 0.5 * error_rate / (points - 1)))
         with np.errstate(divide="ignore", invalid="ignore"):
             share = x / total[:, None]
             difference = np.log(total[:, None] / total[None, :])
@@ -113,7 +113,7 @@ def ratio_interval(sums: npt.ArrayLike, counts: npt.ArrayLike) -> tuple[float, f
 
     (NaN, NaN) with fewer than two units, and where few of them make up most of the sum (`concentrated`).
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     x, n = np.asarray(sums, np.float64), np.asarray(counts, np.float64)
     x, n = x[n > 0], n[n > 0]
@@ -121,7 +121,7 @@ def ratio_interval(sums: npt.ArrayLike, counts: npt.ArrayLike) -> tuple[float, f
     if x.size < 2 or bool(concentrated(x)):
         return math.nan, math.nan
     spread = float(((x / total - n / n.sum()) ** 2).sum()) * x.size / (x.size - 1)
-    half = 0.5 * float(t.ppf(0.975, x.size - 1)) * math.sqrt(spread)
+    half = 0.5 * float(stdtrit(x.size - 1, 0.975)) * math.sqrt(spread)
     middle = math.sqrt(total / float(n.sum()))
     return middle * math.exp(-half), middle * math.exp(half)
 

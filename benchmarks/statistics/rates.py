@@ -44,7 +44,7 @@ def clustered_interval(
     scene: (rate, NaN, NaN).
     Source: J. N. K. Rao and A. J. Scott, Biometrics 48:577, 1992 (design effect).
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     x, count = np.asarray(successes, np.float64), np.asarray(n, np.float64)
     x, count = x[count > 0], count[count > 0]
@@ -59,6 +59,6 @@ def clustered_interval(
         effective = total / max(variance / (p * (1 - p) / total), 1.0)
     else:
         effective = float(scenes)
-    wide = float(t.ppf(0.5 + level / 2.0, scenes - 1))
+    wide = float(stdtrit(scenes - 1, 0.5 + level / 2.0))
     low, high = _wilson(p * effective, effective, wide)
     return p, low, high

@@ -31,14 +31,14 @@ def beyond(rmse: float, bound: float, n: float, kind: str) -> float:
     Main arguments:
         rmse, bound: over the same n valid elements, in one unit; NaN is never beyond. kind: of the bound.
     """
-    from scipy.stats import chi2
-
     if not (rmse > 0 and bound > 0 and n >= 1 and kind in _FACTORS) or not math.isfinite(bound):
         return 0.0
     excess = (bound / rmse) ** 2
     if excess <= _FACTORS[kind]:
         return 0.0
-    return excess if excess > n / float(chi2.ppf(_CHANCE, n)) else 0.0
+    from scipy.special import gammaincinv
+
+    return excess if excess > n / float(2.0 * gammaincinv(0.5 * n, _CHANCE)) else 0.0
 
 
 def suspicion(rmse: float, bound: float, n: float, kind: str) -> str:
