@@ -3,13 +3,14 @@
     loader = torch.utils.data.DataLoader(Captures("gated-1k", part="train"), batch_size=8, num_workers=2)
     stream = torch.utils.data.DataLoader(CaptureStream("gated-1k", part="train", seed=1), batch_size=8, num_workers=2)
 
-PyTorch is not needed to import or to use them: `Captures` has `__len__` and `__getitem__`, `CaptureStream` has `__iter__`, which is
-all that its `DataLoader` asks for. For xarray there is `lazy.dataset`.
+PyTorch is not needed to import or to use them: `Captures` has `__len__` and `__getitem__`, which is all that its `DataLoader` asks
+for, and a `CaptureStream` made after PyTorch was imported counts as an `IterableDataset`. For xarray there is `lazy.dataset`.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,8 @@ class CaptureStream:
 
     Each process and each of its workers reads shards of its own. `state()` is the position, and `load_state(…)` goes on from it:
     with the same `rank`, `world` and `num_workers` what follows is what would have followed. A `DataLoader` with workers reads
-    copies, so that state is each worker's own, and `set_epoch` must be called before each epoch.
+    copies, so that state is each worker's own, and `set_epoch` must be called before each epoch. `state_dict` and `load_state_dict`
+    are the same by the names that torchdata's `StatefulDataLoader` calls, which keeps the positions of all workers.
     """
 
     def __init__(
@@ -128,9 +130,17 @@ class CaptureStream:
         self._inner = Captures(path, names, part=part, transform=transform)
         self.seed, self.buffer, self.rank, self.world = seed, buffer, rank, world
         self.epoch, self._given = 0, 0
+        if (torch := sys.modules.get("torch.utils.data")) is not None:
+            torch.IterableDataset.register(CaptureStream)  # a `DataLoader` asks by isinstance how it is read
 
     def __len__(self) -> int:
         return len(self._order())
+
+    def __getitem__(self, index: int) -> Any:
+        raise TypeError(
+            "A CaptureStream has an order, not places: iterate over it, or take Captures. For a DataLoader, import torch before "
+            "the stream is made."
+        )
 
     def set_epoch(self, epoch: int) -> None:
         """Begin an epoch: its number names the order."""
@@ -159,6 +169,8 @@ class CaptureStream:
                 allowed=str(named), next_step="make the stream with the values of the position",
             )  # fmt: skip
         self.epoch, self._given = int(state["epoch"]), int(state["given"])
+
+    state_dict, load_state_dict = state, load_state
 
     def __iter__(self) -> Iterator[Any]:
         order = self._order()
@@ -245,8 +257,6 @@ def _places(captures: CaptureSet, part: str | None) -> NDArray[np.int64]:
 
 def _worker() -> tuple[int, int]:
     """(number, count) of the workers of PyTorch's `DataLoader`, where it has started this one."""
-    import sys
-
     torch = sys.modules.get("torch.utils.data")
     info = torch.get_worker_info() if torch is not None else None
     return (0, 1) if info is None else (int(info.id), int(info.num_workers))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import sys
 import types
+from abc import ABC
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,10 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return base / "s"
 
 
+class Iterable(ABC):  # noqa: B024
+    """Stands in for PyTorch's class of that kind, by which its `DataLoader` tells streams from lists."""
+
+
 def number(sample: dict[str, Any]) -> int:
     return int(sample["truth_range"].ravel()[0]) - 1
 
@@ -72,7 +77,7 @@ def test_processes_and_workers_share_the_shards(store: Path, monkeypatch: pytest
     for rank in range(2):
         for worker in range(2):
             info = types.SimpleNamespace(id=worker, num_workers=2)
-            fake = types.SimpleNamespace(get_worker_info=lambda info=info: info)
+            fake = types.SimpleNamespace(get_worker_info=lambda info=info: info, IterableDataset=Iterable)
             monkeypatch.setitem(sys.modules, "torch.utils.data", fake)  # type: ignore[arg-type]
             seen += [number(one) for one in CaptureStream(store, seed=2, rank=rank, world=2)]
     assert sorted(seen) == list(range(COUNT))
@@ -106,12 +111,48 @@ def test_batches_are_stacked(store: Path) -> None:
     assert sorted(shuffled) == list(range(COUNT))
 
 
-def test_torch_reads_them(store: Path) -> None:
+def test_a_stream_is_of_the_kind_that_a_loader_iterates_over(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It counted as a list of captures, of which a `DataLoader` asked the first and got a TypeError."""
+    fake = types.SimpleNamespace(get_worker_info=lambda: None, IterableDataset=Iterable)
+    monkeypatch.setitem(sys.modules, "torch.utils.data", fake)  # type: ignore[arg-type]
+    assert isinstance(CaptureStream(store), Iterable) and not isinstance(Captures(store), Iterable)
+    with pytest.raises(TypeError, match="import torch before"):
+        CaptureStream(store)[0]
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_torch_reads_them(store: Path, workers: int) -> None:
+    """Captures by their places and by a stream, whose position after some batches is gone on from."""
     torch = pytest.importorskip(
         "torch", reason="PyTorch is not installed; the tests above ask what its DataLoader asks"
     )
-    loader = torch.utils.data.DataLoader(Captures(store, ["samples"]), batch_size=4, num_workers=2)
-    assert sum(len(batch["samples"]) for batch in loader) == COUNT
+
+    def load(data: Any) -> list[list[int]]:
+        loader = torch.utils.data.DataLoader(data, batch_size=2, num_workers=workers)
+        return [[int(one.ravel()[0]) - 1 for one in batch["truth_range"]] for batch in loader]
+
+    assert load(Captures(store, ["truth_range"])) == [[n, n + 1] for n in range(0, COUNT, 2)]
+    whole = load(CaptureStream(store, ["truth_range"], seed=3, buffer=4))
+    assert sorted(n for batch in whole for n in batch) == list(range(COUNT))
+    each = max(workers, 1)
+    stream = CaptureStream(store, ["truth_range"], seed=3, buffer=4)
+    stream.load_state(stream.state() | {"given": 4})  # two batches of each worker
+    assert load(stream) == whole[2 * each :]
+
+
+def test_stateful_loaders_keep_the_positions_of_workers(store: Path) -> None:
+    stateful = pytest.importorskip("torchdata.stateful_dataloader", reason="torchdata is not installed")
+
+    def loader() -> Any:
+        return stateful.StatefulDataLoader(CaptureStream(store, seed=3, buffer=4), batch_size=2, num_workers=2)
+
+    whole = [number(batch) for batch in loader()]
+    first = loader()
+    reading = iter(first)
+    begin = [number(next(reading)) for _ in range(3)]
+    later = loader()
+    later.load_state_dict(first.state_dict())
+    assert begin + [number(batch) for batch in later] == whole
 
 
 def test_other_stores_are_read_too(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import beambench
+from beambench.benchmarks.laws.gated import clean_capture
 from beambench.captures.hide import hide_truth
 from beambench.captures.layouts import stage_of
 from beambench.estimators.result import check_result
@@ -105,6 +106,17 @@ def test_weights_that_cannot_be_used_are_told(modules: tuple[Any, Any], tmp_path
     for name in ("missing.npz", "pickled.npz", "text.npz", "shape.npz"):
         with pytest.raises(InputError, match="weights of gated-net"):
             net.read_weights(str(tmp_path / name))
+
+
+def test_the_shipped_weights_answer_what_the_laws_ask(modules: tuple[Any, Any]) -> None:
+    """Of the bright capture of `beambench estimators check`: weights of one instrument alone answered none of its pixels."""
+    net, _ = modules
+    capture = clean_capture()
+    answer = net.gated_net(hide_truth(capture))
+    error = answer["range"].values - capture["truth_range"].values
+    sigma = answer["sigma"].values
+    assert answer["valid"].values.mean() >= 0.99 and np.sqrt(np.mean(error**2)) < 0.002
+    assert 0.3 < np.sqrt(np.mean((error / sigma) ** 2)) < 3.0
 
 
 def test_the_shipped_weights_answer(modules: tuple[Any, Any]) -> None:
