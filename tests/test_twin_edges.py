@@ -14,9 +14,11 @@ import pytest
 
 import beambench
 from beambench import cli
+from beambench.benchmarks.checks import twin as study
 from beambench.benchmarks.checks.twin import Bench
 from beambench.benchmarks.checks.twin_edges import tried
 from beambench.benchmarks.twin import gated_render
+from beambench.benchmarks.twin.gated_clauses import CLAUSES
 from beambench.scenes.load import load_scene
 
 #: A sphere before a wall in 24 × 24 pixels: one pixel in ten sees both. The pulse is 3 % longer than declared.
@@ -138,3 +140,27 @@ def test_the_three_commands_of_a_newcomer(long_run: None, tmp_path: Path, monkey
     assert cli.main(["calibrate", "real.zarr", "-o", "my-rig.toml"]) == 0
     assert cli.main(["twin", "real.zarr", "--rig", "my-rig.toml", "-o", "certificate"]) == 0
     assert (tmp_path / "certificate" / "certificate.html").is_file()
+
+
+def test_the_power_study_goes_on_where_it_was_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rig that the journal holds is not tried again; a line that a kill cut short is."""
+    asked: list[int] = []
+
+    def tried(bench: object, number: int, draws: int, faults: tuple[str, ...], least: int) -> study.Outcome:
+        asked.append(number)
+        verdicts = {"right": {clause.name: "pass" for clause in CLAUSES}}
+        return study.Outcome(verdicts | {name: {study.FAULTS[name][0]: "fail"} for name in faults})
+
+    monkeypatch.setattr(study, "Bench", lambda: None)
+    monkeypatch.setattr(study, "tried", tried)
+    journal = tmp_path / "rigs.jsonl"
+    for rigs in ("2", "3"):
+        monkeypatch.setattr("sys.argv", ["twin", "--rigs", rigs, "--journal", str(journal)])
+        study.main()
+    assert asked == [0, 1, 2]
+    journal.write_text(journal.read_text()[:-9])
+    study.main()
+    assert asked == [0, 1, 2, 2]
+    assert "3 of    3" in capsys.readouterr().out

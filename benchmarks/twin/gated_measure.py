@@ -74,8 +74,8 @@ class Frame:
 
 def signal_statistics(scan: DelayScan, frame: Frame) -> tuple[dict[str, float], ResponseFit]:
     """Statistics of counts: photon transfer, dark frames, response, time zero, what is scattered, residuals."""
-    noise, dark = noise_statistics(scan), dark_statistics(scan)
-    fit = fit_response(scan, known_s=frame.known_s, single=frame.single)
+    noise, dark = noise_statistics(scan, errors=False), dark_statistics(scan, errors=False)
+    fit = fit_response(scan, known_s=frame.known_s, single=frame.single, noise=noise, dark=dark)
     found = {
         "gain": noise["slope"].value, "excess": noise["skewness"].value, "fluctuation": noise["fluctuation"].value,
         "offset": dark["level"].value, "read-noise": dark["noise"].value, "dsnu": dark["pattern"].value,

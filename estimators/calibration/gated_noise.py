@@ -89,14 +89,20 @@ def _moments(scan: DelayScan) -> tuple[_Moments, Float]:
     )
 
 
-def jackknifed(statistic: Callable[[Float], Mapping[str, float]], pixels: int) -> dict[str, Found]:
+def jackknifed(
+    statistic: Callable[[Float], Mapping[str, float]], pixels: int, *, errors: bool = True
+) -> dict[str, Found]:
     """Statistics of all pixels, with standard errors from leaving out each of twenty interleaved parts of them.
 
     Main arguments:
         statistic: weights of the pixels, 1 or 0 -> values by name. pixels: how many.
+    Other arguments:
+        errors: False leaves standard errors out (NaN), where only values are read.
     """
-    parts = min(PARTS, pixels)
     whole = statistic(np.ones(pixels))
+    if not errors:
+        return {name: Found(value, math.nan) for name, value in whole.items()}
+    parts = min(PARTS, pixels)
     owner = np.arange(pixels) % parts
     without = [statistic(np.where(owner == part, 0.0, 1.0)) for part in range(parts)]
     found = {}
@@ -106,13 +112,14 @@ def jackknifed(statistic: Callable[[Float], Mapping[str, float]], pixels: int) -
     return found
 
 
-def noise_statistics(scan: DelayScan) -> dict[str, Found]:
+def noise_statistics(scan: DelayScan, *, errors: bool = True) -> dict[str, Found]:
     """`slope` = K G F² [DN], `skewness` = κ₃κ₁/κ₂² = 2 − 1/F² [1], `excess` = F² [1] from it, `fluctuation` [1], the
     relative rms of the frames'
     light beyond photon noise. With standard errors; saturated delays, in which a pixel reaches the converter's top, are left
     out.
 
-    `excess` is NaN where fewer than three repeats or too little light leave the third cumulant undefined.
+    `excess` is NaN where fewer than three repeats or too little light leave the third cumulant undefined. `errors`: as
+    `jackknifed`.
     """
     moments, relative = _moments(scan)
     top = float(scan.counts.max())
@@ -123,7 +130,7 @@ def noise_statistics(scan: DelayScan) -> dict[str, Found]:
     def statistic(weight: Float) -> dict[str, float]:
         return _slopes(moments, weight, clear)
 
-    found = jackknifed(statistic, scan.counts.shape[2])
+    found = jackknifed(statistic, scan.counts.shape[2], errors=errors)
     ratio = found["skewness"]
     # 2 − 1/F² tends to 2: beyond 1.9, F² = 10, noise decides. The error follows from that of the ratio, which is
     # even to both sides.
@@ -171,9 +178,9 @@ def _fluctuation(scan: DelayScan, m: _Moments, relative: Float, slope: float) ->
     return Found(value, error / (2.0 * max(abs(value), math.sqrt(error))))
 
 
-def dark_statistics(scan: DelayScan) -> dict[str, Found]:
+def dark_statistics(scan: DelayScan, *, errors: bool = True) -> dict[str, Found]:
     """Of the frames with the laser off: `level` [DN], `noise` = temporal rms of a pixel [DN] and `pattern` = rms of the
-    pixels' means [DN], the temporal part taken off."""
+    pixels' means [DN], the temporal part taken off. `errors`: as `jackknifed`."""
     dark = scan.dark.astype(np.float64)
     mean, variance = dark.mean(axis=0), dark.var(axis=0, ddof=1)
     frames = len(dark)
@@ -188,4 +195,4 @@ def dark_statistics(scan: DelayScan) -> dict[str, Found]:
             "pattern": math.copysign(math.sqrt(abs(spread)), spread),
         }  # fmt: skip
 
-    return jackknifed(statistic, dark.shape[1])
+    return jackknifed(statistic, dark.shape[1], errors=errors)

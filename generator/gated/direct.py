@@ -9,7 +9,6 @@ that: structure smaller than a pixel that only few pixels hold, and that no cent
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
@@ -22,12 +21,13 @@ from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
 from ..rays.echo import Echoes, Halo, echoes
 from ..rays.lamp import Lamp
-from ..rays.returns import Returns, gather_returns
-from ..rays.subsampling import SubsamplePlan, centre_error, lattice, plan, stack_power
+from ..rays.returns import Returns
+from ..rays.subsampling import centre_error, lattice, plan, stack_power
 from ..rays.trace import Hits, Tracer, pixel_directions
 from ..rays.view import View
 from .gates import gate_tables, response_width_s
 from .slice_view import slice_view
+from .sub_pixels import sub_pixel_returns
 from .view import view_of
 
 __all__ = ["MIXED_FRACTION", "DirectScene", "render_direct"]
@@ -124,37 +124,14 @@ def render_direct(
     if recurs > 0.0:
         error = np.maximum(error, recurs)
     groups = plan(error, bright, stack_power(error, (amplitude * shown)[inner]), rtol)
-    owner, light, when, width = _sub_pixel_echoes(scene, view, tracer, halo, groups)
-    single = np.ones(rows * cols, dtype=bool)
-    for group in groups:
-        single[group.pixel] = False
-    alone = (single, amplitude[inner].ravel(), (tau[inner] + shift).ravel(), spread.ravel())
-    returns, first, last = gather_returns(rows * cols, owner, light, when, width, _MERGE_SIGMAS * sigma, alone)
-    rays = rows * cols + len(owner)
+    alone = (amplitude[inner].ravel(), (tau[inner] + shift).ravel(), spread.ravel())
+    returns, first, last, more = sub_pixel_returns(scene, view, tracer, halo, groups, alone, _MERGE_SIGMAS * sigma)
+    rays = rows * cols + more
     if not with_truth:
         return DirectScene(returns, {}, rays)
     centre = (_cropped(image.direction, image.ring), _inner(image.hits, image.ring), _inner(echo, image.ring))
     truth = _truth(scene, *centre, returns, first, last, fwhm) | {"truth_instance": tracer.instances(centre[1])}
     return DirectScene(returns, {name: _shaped(value, (rows, cols)) for name, value in truth.items()}, rays)
-
-
-def _sub_pixel_echoes(
-    scene: Scene, view: View[Lamp], tracer: Tracer, halo: Halo | None, groups: Sequence[SubsamplePlan]
-) -> tuple[NDArray[np.int64], Float, Float, Float]:
-    """(flat pixel, amplitude, time, its spread) of the rays of all pixels that need more than one."""
-    parts: list[tuple[Any, ...]] = [(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))]
-    for group in groups:
-        n = group.n
-        row, col = (
-            (at[:, None] + d).ravel()
-            for at, d in zip(np.divmod(group.pixel, view.camera.cols), lattice(n * n), strict=True)
-        )
-        direction = pixel_directions(view.camera, row, col)
-        echo = echoes(scene, view, tracer, direction, tracer.trace((0.0, 0.0, 0.0), direction), halo)
-        spread = np.sqrt((echo.tau_per_row**2 + echo.tau_per_col**2) / 12.0) / n
-        parts.append((np.repeat(group.pixel, n * n), echo.amplitude / (n * n), echo.tau, spread))
-    owner, light, when, width = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return owner, light, when, width
 
 
 def _probed(pixels: int) -> NDArray[np.int64]:

@@ -28,15 +28,18 @@ _MOST_CELLS = 1 << 15
 _NEAR_SIGMAS = 0.5
 #: Weight of what no slice shows, relative to what is seen best: truth is made of its rays too.
 _LEAST = 0.1
+#: Light of which the slices show less than this, relative to what is seen best of any time, is light that they do not show: it
+#: lies in the tail of a pulse that has no end.
+_NOTHING = 1e-6
 
 
 def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Float) -> tuple[Float, Float]:
-    """(V, weight) at times of any shape, relative to the largest V of any time; both 1 where the slices see nothing at all.
+    """(V, weight) at times of any shape, relative to the largest V of any time; both 1 where the slices see nothing of it.
 
     Main arguments:
         tables: R of each gate; sigma_s: its σ; tau_s: arrival times [s].
 
-    `weight` is the largest V within half a σ (and a gate's delays over the image), and no less than a tenth.
+    `weight` is the largest V within half a σ (and a gate's delays over the image), and no less than a tenth of its own largest.
     """
     rig = gated_rig(scene)
     delays = rig.delays.after(rig.t0_s)
@@ -63,6 +66,8 @@ def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Flo
     wide = maximum_filter1d(view, 2 * near + 1, mode="constant")
     when = np.where(np.isfinite(tau_s), tau_s, np.inf)  # a ray that meets nothing has no time
     shown, weight = (np.interp(when, grid, v, left=0.0, right=0.0) / view.max() for v in (view, wide))
-    if not shown.any():
+    if shown.max() < _NOTHING:
         return np.ones(shown.shape), np.ones(shown.shape)
-    return shown, np.maximum(weight, _LEAST)
+    # Of what is seen best of this light: where all of it lies at the slices' far edge, a tenth of what they could see is more than
+    # they do see, and no number of rays would be enough.
+    return shown, np.maximum(weight, _LEAST * float(weight.max()))
