@@ -225,7 +225,7 @@ def _show_warning(
 ) -> None:
     """One plain line for each warning to the user; warnings of libraries to their programmers are left out."""
     if issubclass(category, UserWarning):
-        print(plain_text(f"warning: {message}"), file=sys.stderr)
+        print(plain_text(f"{getattr(category, 'word', 'warning')}: {message}"), file=sys.stderr)
 
 
 def _discard_stdout() -> None:

@@ -9,6 +9,7 @@ import sys
 import threading
 from typing import Any
 
+from .plain_signs import PLAIN_SIGNS
 from .scenes.errors import InputError
 
 __all__ = ["Ended", "check_working_folder", "end_in_order", "keep_standard_streams", "open_standard_streams"]
@@ -39,7 +40,7 @@ def keep_standard_streams() -> None:
         raw = _Stream(stream.fileno(), "w", closefd=False)
         raw.quiet = name == "stderr"
         setattr(sys, name, io.TextIOWrapper(
-            io.BufferedWriter(raw), encoding=stream.encoding, errors="backslashreplace",
+            io.BufferedWriter(raw), encoding=stream.encoding, errors=PLAIN_SIGNS,
             line_buffering=stream.line_buffering or name == "stderr",
         ))  # fmt: skip
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..scenes.errors import InputError
+from ..scenes.errors import InputError, other_version
 from ..scenes.json_keys import read_json
 from .layouts import layout_of
 from .layouts.layout import Layout
@@ -70,11 +70,11 @@ def validate(capture: xr.Dataset, level: Literal["layout", "values"] = "values",
 def check_schema_version(version: object, where: str) -> None:
     """Raise InputError unless this code reads `version` of the schema."""
     if not isinstance(version, int | np.integer) or isinstance(version, bool) or int(version) != SCHEMA_VERSION:
-        raise InputError(
+        raise other_version(
             "The capture was written under another version of the schema." if version is not None
             else "The data set is not a capture: it has no schema_version.",
-            where=f"{where}: attribute schema_version", value=version, allowed=f"{SCHEMA_VERSION}",
-            next_step="read it with the version of Beambench that wrote it, or generate or import it anew",
+            where=f"{where}: attribute schema_version", found=int(version) if isinstance(version, np.integer) else version,
+            known=SCHEMA_VERSION, older="read it with the version of Beambench that wrote it, or generate or import it anew",
         )  # fmt: skip
 
 

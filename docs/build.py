@@ -15,7 +15,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from pages import captures_page, commands, python_api, specs  # noqa: E402
+from pages import captures_page, citing, commands, python_api, specs  # noqa: E402
 
 #: What a page of the site may load.
 _LINK = re.compile(r"""(?:href|src)=["']([^"'#?]+)""")
@@ -29,6 +29,7 @@ def write_reference(folder: Path) -> list[Path]:
         "python.md": python_api.page(),
         "captures.md": captures_page.page(),
         "estimators.md": captures_page.estimates_page(),
+        "citing.md": citing.page(),
     }
     for name, (title, spec) in specs.documents().items():
         pages[f"{name}.md"] = specs.page(title, spec, name)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from ..scenes.errors import InputError
 from ..scenes.scene import Scene
+from ..scenes.whole import check_whole
 from .choice import Rtol
 from .models import model_of
 from .request import Fidelity, Request
@@ -40,8 +41,9 @@ def checked(
         name: what messages call an argument, e.g. "--fidelity" for "fidelity".
 
     Raises:
-        InputError: a seed, a rung or an rtol that does not exist; a rung that is not built for the scene's modality, that
-            cannot model its rig, or that cannot keep the components of light apart; a modality without instances.
+        InputError: a scene whose files cannot be used; a seed, a rung or an rtol that does not exist; a rung that is not built
+            for the scene's modality, that cannot model its rig, or that cannot keep the components of light apart; a modality
+            without instances.
     """
     if fidelity not in get_args(Fidelity):
         raise InputError(
@@ -69,6 +71,7 @@ def checked(
             where=f"{scene.name}: {name('truth_instances')}", value=model.name,
             next_step=f"leave out {name('truth_instances')}",
         )  # fmt: skip
+    check_whole(scene)
     model.check(scene, fidelity)
     return Request(seed, capture_key, fidelity, rtol, truth_electrons, truth_components, truth_instances, tracer)
 

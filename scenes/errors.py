@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["InputError", "reason"]
+__all__ = ["InputError", "other_version", "reason"]
 
 
 class InputError(ValueError):
@@ -38,6 +38,18 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (self.what, self.where, self.value, self.allowed, self.next_step))
+
+
+def other_version(what: str, *, where: str, found: object, known: int, older: str) -> InputError:
+    """The error of a file of another version of its format.
+
+    Main arguments:
+        what: the problem, one sentence. found, known: version of the file, and the one that is read.
+        older: next step for a file of an older version; one of a newer version asks for a newer Beambench.
+    """
+    newer = isinstance(found, int) and not isinstance(found, bool) and found > known
+    step = "a newer Beambench wrote it: pip install --upgrade beambench" if newer else older
+    return InputError(what, where=where, value=found, allowed=str(known), next_step=step)
 
 
 def reason(error: BaseException) -> str:

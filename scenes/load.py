@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from .errors import InputError, reason
+from .measured import with_measured
 from .overrides import apply_overrides
 from .possible import check_possible
 from .rigs import RIGS
@@ -30,11 +31,14 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
         source: a name in the library, a path to a .toml or .json file, plain data, or a Scene.
         overrides: {path: value}, applied before validation.
 
-    Meshes, grids and textures that a scene file names lie in its folder or below, links followed, or are "library:NAME": a
-    scene from elsewhere reads nothing else of this machine. Paths in `overrides` and in plain data are the user's own.
+    Meshes, grids, textures and measured curves that a scene file names lie in its folder or below, links followed, or are
+    "library:NAME": a scene from elsewhere reads nothing else of this machine. Paths in `overrides` and in plain data are the
+    user's own.
 
     Raises:
         InputError: unknown name, unreadable file, unknown key, missing or impossible value, impossible scene.
+    Warns:
+        MeasuredNote: what was done to a measured pulse or gate.
     """
     if isinstance(source, Scene):
         if not overrides:
@@ -47,6 +51,7 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, overrides: Mappin
         data, where = _anchor(read_spec_file(path), path.parent, overrides or {}), str(source)
     if overrides:
         data = apply_overrides(data, overrides)
+    data = with_measured(data, where)
     scene = validate_spec(Scene, data, where, example=partial(_example, data))
     check_possible(scene)
     return scene
@@ -67,10 +72,17 @@ def _kind_of(data: Mapping[str, Any]) -> Any:
 
 
 def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Make the file names of shapes and textures point beside the scene file (or into the library).
+    """Make the file names of shapes, textures and measured curves point beside the scene file (or into the library).
 
     Names that `overrides` replaces stay as they are.
     """
+
+    def replaced(*places: str) -> bool:
+        return any(f"{place}.".startswith(f"{path}.") for path in overrides for place in places)
+
+    for part in ("rig", "declared"):
+        if isinstance(data.get(part), dict):
+            data[part] = _anchored(data[part], part, folder, replaced)
     objects = data.get("target")
     if isinstance(objects, list):
         for index, item in enumerate(objects):
@@ -81,8 +93,7 @@ def _anchor(data: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) ->
                 name = spec.get("file") if isinstance(spec, dict) else None
                 where = f"target.{index}.{part}.file"
                 named = f"target.{item.get('name')}.{part}.file"
-                replaced = any(f"{key}.".startswith(f"{path}.") for path in overrides for key in (where, named))
-                if isinstance(name, str) and not name.startswith("library:") and not replaced:
+                if isinstance(name, str) and not name.startswith("library:") and not replaced(where, named):
                     spec["file"] = _beside(name, folder, where)
     return data
 
@@ -96,16 +107,17 @@ def anchored_overrides(overrides: Mapping[str, Any], folder: Path) -> dict[str, 
     Raises:
         InputError: a named file lies elsewhere.
     """
+    return {path: _anchored(value, path, folder) for path, value in overrides.items()}
 
-    def walk(value: Any, where: str) -> Any:
-        if isinstance(value, dict):
-            return {key: walk(item, f"{where}.{key}") for key, item in value.items()}
-        if isinstance(value, list):
-            return [walk(item, f"{where}.{index}") for index, item in enumerate(value)]
-        named = isinstance(value, str) and where.split(".")[-1] == "file"
-        return _beside(value, folder, where) if named and not value.startswith("library:") else value
 
-    return {path: walk(value, path) for path, value in overrides.items()}
+def _anchored(value: Any, where: str, folder: Path, replaced: Callable[[str], bool] = lambda _: False) -> Any:
+    """The value, in which every "file" is a path in the folder, or "library:NAME"; those that are replaced stay."""
+    if isinstance(value, dict):
+        return {key: _anchored(item, f"{where}.{key}", folder, replaced) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_anchored(item, f"{where}.{index}", folder, replaced) for index, item in enumerate(value)]
+    named = isinstance(value, str) and where.split(".")[-1] == "file" and not replaced(where)
+    return _beside(value, folder, where) if named and not value.startswith("library:") else value
 
 
 def _beside(name: str, folder: Path, where: str) -> str:
@@ -118,7 +130,7 @@ def _beside(name: str, folder: Path, where: str) -> str:
         ) from error
     if not path.is_relative_to(folder.resolve()):
         raise InputError(
-            "A mesh, grid or texture of a scene file should lie in its folder.", where=where, value=name,
+            "A mesh, grid, texture or measured curve of a scene file should lie in its folder.", where=where, value=name,
             allowed="a name inside the scene file's folder, or library:NAME",
             next_step=f"copy the file there, or name it on the command line: --set {where}=PATH",
         )  # fmt: skip

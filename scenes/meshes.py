@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,10 @@ from numpy.typing import NDArray
 
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
+from .mesh_surface import METRES, MeshSurface, check_unit, read_surface
 from .npz import read_npy, read_npz
 from .procedural.build import procedural_mesh
 from .procedural.spec import Procedural
-from .readers.mesh_file import read_mesh_file
-from .readers.surface import Surface
 from .relief import relief_heights
 from .shapes import Box, HeightGrid, MeshFile, PowerLawRelief, Rectangle, Shape
 from .spec_files import LIBRARY
@@ -29,10 +30,6 @@ MeshArrays = tuple[NDArray[np.float64], NDArray[np.int64]]
 _MAX_FILE_BYTES = 2**31
 #: Most numbers of a grid, and most of one that becomes a mesh: a node takes 150 bytes there.
 _MAX_TEXELS, _MAX_NODES = 2**26, 2**24
-#: A face has an area if its height is more than this share of its longest edge.
-_FLAT = 1e-12
-#: Corners nearer than this share of the mesh's largest extent are one.
-_SAME = 1e-8
 
 
 def resolve_file(name: str, where: str) -> Path:
@@ -49,10 +46,21 @@ def resolve_file(name: str, where: str) -> Path:
     else:
         path = Path(name).expanduser()
     if not path.is_file():
-        raise InputError("There is no such file.", where=where, value=name, allowed="an existing mesh or grid file")
+        near = difflib.get_close_matches(path.name, _names_in(path.parent), n=3)
+        raise InputError(
+            "There is no such file.", where=where, value=name, allowed="an existing mesh, grid or texture file",
+            next_step=f"did you mean {' or '.join(near)}?" if near else "",
+        )  # fmt: skip
     if path.stat().st_size > _MAX_FILE_BYTES:
         raise InputError("The file is too large.", where=where, value=path.stat().st_size, allowed="up to 2 GiB")
     return path
+
+
+def _names_in(folder: Path) -> list[str]:
+    try:
+        return [one.name for one in islice(folder.iterdir(), 1000) if one.is_file()]
+    except OSError:
+        return []
 
 
 def shape_mesh(shape: Shape, where: str) -> MeshArrays:
@@ -195,52 +203,15 @@ def mesh_uv(shape: MeshFile, where: str) -> NDArray[np.float64]:
 
 def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
     mesh = _read_mesh(shape, where)
-    vertices = mesh.vertices * shape.size_m
+    vertices = mesh.vertices * (shape.size_m or 1.0)
+    if shape.unit is not None:
+        scale = METRES[shape.unit]
+        vertices = vertices * (mesh.extent * scale)
+        check_unit(shape, mesh.extent, where)
+        if shape.origin == "file":
+            vertices = vertices + mesh.middle * scale
     return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), mesh.faces
 
 
-def _read_mesh(shape: MeshFile, where: str) -> Surface:
-    """The file's triangles, checked, centred on the bounds of what has an area, scaled to a largest extent of 1, with equal
-    corners merged and all faces of one body turned alike."""
-    found = read_mesh_file(resolve_file(shape.file, where), where)
-    if len(found.faces) == 0:
-        raise InputError("The mesh is empty.", where=where, value=shape.file, allowed="at least one triangle")
-    if found.faces.min() < 0 or found.faces.max() >= len(found.vertices):
-        raise InputError("A face of the mesh names a vertex that it does not have.", where=where, value=shape.file)
-    if not np.isfinite(found.vertices[found.faces]).all():
-        raise InputError("A corner of the mesh is not a finite number.", where=where, value=shape.file)
-    faces = _with_area(found)
-    if len(faces) == 0:
-        raise InputError("The mesh has no area.", where=where, value=shape.file, allowed="a triangle with an area")
-    used, index = np.unique(faces, return_inverse=True)
-    corners = found.vertices[used]
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    # Scale before anything is compared or merged: the unit of the file must not matter.
-    unit = (corners - (low + high) / 2) / float((high - low).max())
-    uv = None if found.uv is None else found.uv[used]
-    return _merged(unit, index.reshape(-1, 3).astype(np.int64), uv)
-
-
-def _with_area(found: Surface) -> NDArray[np.int64]:
-    """The faces that have an area: others cannot be hit, and must not count for the bounds."""
-    a, b, c = (found.vertices[found.faces[:, i]] for i in range(3))
-    longest = np.max([np.linalg.norm(e, axis=1) for e in (b - a, c - b, a - c)], axis=0)
-    scale = np.where(longest > 0, longest, 1.0)[:, None]
-    area = np.linalg.norm(np.cross((b - a) / scale, (c - a) / scale), axis=1)
-    return np.asarray(found.faces[(longest > 0) & (area > _FLAT)])
-
-
-def _merged(unit: NDArray[np.float64], faces: NDArray[np.int64], uv: NDArray[np.float64] | None) -> Surface:
-    import trimesh
-
-    places = np.round(unit / _SAME)
-    _, position = np.unique(places, axis=0, return_inverse=True)
-    joint = position.reshape(-1)[faces]
-    body = trimesh.Trimesh(np.zeros((int(joint.max()) + 1, 3)), joint, process=False)
-    body.vertices[joint.ravel()] = unit[faces.ravel()]
-    trimesh.repair.fix_normals(body)  # type: ignore[no-untyped-call]
-    turned = np.asarray(body.faces)[:, 0] != joint[:, 0]
-    faces = np.where(turned[:, None], faces[:, ::-1], faces)
-    keys = places if uv is None else np.concatenate([places, uv], axis=1)
-    _, first, index = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return Surface(unit[first], index.reshape(-1)[faces], None if uv is None else uv[first])
+def _read_mesh(shape: MeshFile, where: str) -> MeshSurface:
+    return read_surface(resolve_file(shape.file, where), shape.file, where)

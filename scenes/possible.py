@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from ..optics.rotation import rotation_matrix
+from .declared import declared_rig
 from .errors import InputError
 from .medium import WaterIndex
 from .procedural.spec import Procedural
@@ -31,7 +32,7 @@ def check_possible(scene: Scene) -> None:
         InputError: camera or laser in or on an object; nothing ahead of the camera; a laser behind the target or, in
             water, behind the window; a gate longer than the time between pulses; pulse and gates whose samples would be too
             many or too few; an integration shorter than a period of
-            the modulation; an offset beyond the last code of a detector.
+            the modulation; an offset beyond the last code of a detector; a declared path or value that is not allowed.
     """
     places = _places(scene)
     for item in scene.target:
@@ -51,6 +52,8 @@ def check_possible(scene: Scene) -> None:
             _check_lamp(scene, who, at, max(ahead))
     _check_codes(scene.rig, f"{scene.name}: rig")
     rig_kind(scene.modality).check(scene)
+    if scene.declared:
+        declared_rig(scene)
 
 
 def _check_codes(spec: BaseModel, where: str) -> None:
@@ -144,7 +147,7 @@ def _reach(item: TargetObject) -> float:
     if isinstance(shape, Rectangle):
         turn = np.abs(_turned(shape))[2]
         return z + 0.5 * float(turn[0] * shape.width_m + turn[1] * shape.height_m)
-    if isinstance(shape, MeshFile):
+    if isinstance(shape, MeshFile) and shape.size_m is not None:
         return z + 0.5 * float(np.sqrt(3.0)) * float(shape.size_m)
     return float("inf")  # a grid's height follows from its file, that of a power law from its seed
 

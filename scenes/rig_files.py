@@ -12,7 +12,8 @@
     [[calibration]]                      # where the values come from
     procedure = "emva1288"
 
-A list, and a table with its own `kind` (a pulse, a gate), replace the scene's as a whole; of other tables the given keys do.
+A list, and a table with its own `kind` (a pulse, a gate), replace the scene's as a whole; of other tables the given keys do. Files
+of measured curves lie beside the rig file.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from pydantic import Field
 
 from .base import NonNegative, Spec
 from .errors import InputError
+from .load import anchored_overrides
 from .rigs import RIGS
 from .spec_files import read_spec_file
 from .validate import validate_spec
@@ -97,7 +99,10 @@ def read_rig_file(path: str | Path, kind: str | None = None) -> RigFile:
         InputError: absent, not well formed, an unknown key, or of another kind.
     """
     place = Path(path).expanduser()
-    found = validate_spec(RigFile, read_spec_file(place), str(path))
+    held = read_spec_file(place)
+    if isinstance(held.get("rig"), dict):
+        held["rig"] = anchored_overrides(held["rig"], place.parent)
+    found = validate_spec(RigFile, held, str(path))
     if found.kind not in RIGS or kind not in (None, found.kind):
         raise InputError(
             "The rig file is of another kind of rig.", where=f"{path}: kind", value=found.kind,

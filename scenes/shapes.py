@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from .base import Positive, Spec, Vec3
 from .procedural.spec import Pipes, Rocks, Terraces, Vegetation, Wreck
@@ -97,14 +97,34 @@ class PowerLawRelief(Spec):
 
 
 class MeshFile(Spec):
-    """A mesh file (.obj, .ply, .stl, .off, .gltf, .glb, .3mf, each also .gz), centred on its bounds and scaled so that its
-    largest extent is `size_m`. Faces without area do not count."""
+    """A mesh file (.obj, .ply, .stl, .off, .gltf, .glb, .3mf, each also .gz), scaled so that its largest extent is `size_m`, or
+    as large as it is where `unit` names the unit of its coordinates. Faces without area do not count.
+
+    `origin`: what lies at `center_m`, and what it is turned about: the middle of its bounds, or, with `unit`, the file's own
+    origin, so that parts of one drawing keep their places.
+    """
 
     kind: Literal["mesh"] = "mesh"
     file: str
-    size_m: Positive
+    size_m: Positive | None = None
+    unit: Literal["m", "cm", "mm", "um", "in", "ft"] | None = None
+    origin: Literal["bounds", "file"] = "bounds"
     center_m: Vec3
     rotation_deg: Vec3
+
+    @model_validator(mode="after")
+    def _has_one_size(self) -> MeshFile:
+        if (self.size_m is None) == (self.unit is None):
+            raise ValueError("size_m (its largest extent) or unit (of its coordinates), and not both")
+        if self.origin == "file" and self.unit is None:
+            raise ValueError('origin = "file" needs unit, not size_m')
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data: dict[str, Any] = handler(self)
+        absent = {"size_m": None, "unit": None, "origin": "bounds"}
+        return {key: value for key, value in data.items() if key not in absent or value != absent[key]}
 
 
 Shape = Annotated[

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from .base import Spec
-from .errors import InputError
+from .errors import InputError, other_version
 from .plain_messages import lost_table, near_keys, wanted
 
 __all__ = ["validate_spec"]
@@ -50,6 +50,13 @@ def _told(
             "A table is missing; its keys stand elsewhere.", where=f"{where}: {table}",
             allowed=f"[{table}] above {', '.join(keys)}", next_step=next_step,
         )  # fmt: skip
+    for error in errors:
+        if error["loc"] == ("schema_version",) and error["type"] == "literal_error":
+            return other_version(
+                "The file follows another version of its format.", where=f"{where}: schema_version",
+                found=error["input"], known=max(get_args(model.model_fields["schema_version"].annotation)),
+                older=f"write it anew in the present form: {next_step}",
+            )  # fmt: skip
     first, *rest = errors
     what = {"missing": "A value is missing, and has no default.", "extra_forbidden": "Unknown key."}
     known = _known_keys(schema) if schema else set()

@@ -10,12 +10,16 @@ from .base import Fraction, Spec
 from .quantities import MomentTime, OpenTime, OptionalTime, PulseTime
 
 __all__ = [
-    "ExponentialGate", "ExponentialPulse", "Gate", "GaussianGate", "GaussianPulse", "Pulse", "RectangularGate",
+    "ExponentialGate", "ExponentialPulse", "Gate", "GaussianGate", "GaussianPulse", "MeasuredGate", "MeasuredPulse", "Pulse",
+    "RectangularGate",
     "RectangularPulse", "SampledGate", "SampledPulse", "TrapezoidalGate", "TrapezoidalPulse",
 ]  # fmt: skip
 
 #: A measured value in any unit (a pulse's scale is removed); subtracting an offset leaves some below zero.
 Sample = Annotated[float, Field(ge=-1e30, le=1e30)]
+
+#: Of a text file: a number from 1, or a name in its heading.
+Column = Annotated[int, Field(ge=1, le=10_000)] | Annotated[str, Field(min_length=1)]
 
 #: Of an open gate: one that lets less than this through is closed.
 Transmission = Annotated[float, Field(ge=1e-12, le=1)]
@@ -64,6 +68,42 @@ class SampledPulse(Spec):
     kind: Literal["sampled"] = "sampled"
     step_s: PulseTime
     value: tuple[Sample, ...] = Field(min_length=3)
+
+
+class _Measured(Spec):
+    """A curve in a text file, as an oscilloscope writes it: two columns, with or without a heading."""
+
+    file: str = Field(min_length=1)
+    time_unit: Literal["s", "ms", "us", "ns", "ps"]
+    time_column: Column = 1
+    value_column: Column = 2
+    baseline: Sample | tuple[Sample, Sample] | None = None
+    keep: tuple[Sample, Sample] | None = None
+    inverted: bool = False
+
+
+class MeasuredPulse(_Measured):
+    """Samples of a pulse in a text file beside the scene file. When the scene is loaded they become `kind = "sampled"`, and what
+    was done is told: a note names the baseline that was taken off, the samples below zero, and what was kept.
+
+    Columns are numbers from 1, or names in the file's heading. `baseline`: the level without light, or [from, to], times of the
+    file without light; absent: the first and the last tenth, which must agree. `keep`: [from, to], times of the file that hold
+    the pulse; absent: from the first to the last sample above five standard deviations of the baseline and 0.1 % of the peak. All
+    else is set to zero, and so is what lies below zero. `inverted`: light points downward.
+    """
+
+    kind: Literal["measured"] = "measured"
+
+
+class MeasuredGate(_Measured):
+    """Samples of a gate's transmission in a text file beside the scene file, in any unit; keys as for a measured pulse.
+
+    The median of the samples above half of the highest is the open level and gets `transmission`; what then lies above 1 is set
+    to 1. Time zero is where the opening edge crosses half of the open level.
+    """
+
+    kind: Literal["measured"] = "measured"
+    transmission: Transmission
 
 
 class RectangularGate(Spec):
@@ -117,8 +157,10 @@ class SampledGate(Spec):
 
 
 Pulse = Annotated[
-    GaussianPulse | RectangularPulse | TrapezoidalPulse | ExponentialPulse | SampledPulse, Field(discriminator="kind")
+    GaussianPulse | RectangularPulse | TrapezoidalPulse | ExponentialPulse | SampledPulse | MeasuredPulse,
+    Field(discriminator="kind"),
 ]
 Gate = Annotated[
-    RectangularGate | TrapezoidalGate | GaussianGate | ExponentialGate | SampledGate, Field(discriminator="kind")
+    RectangularGate | TrapezoidalGate | GaussianGate | ExponentialGate | SampledGate | MeasuredGate,
+    Field(discriminator="kind"),
 ]

@@ -160,3 +160,26 @@ def test_an_end_within_the_exec_of_a_text_is_130(sign: signal.Signals, debug: li
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 130 and "interrupted" in done.stderr, done.stderr
+
+
+def test_signs_that_a_terminal_lacks_are_plain() -> None:
+    """What the tables print reads in a terminal that knows ASCII or Latin-1 alone; other signs keep their number."""
+    from beambench.plain_signs import PLAIN_SIGNS
+
+    text = "2.60 µs ± 3 %, 1 × 2 – 3 σ ≥ 4 m²"
+    assert text.encode("ascii", PLAIN_SIGNS) == b"2.60 us +- 3 %, 1 x 2 - 3 sigma >= 4 m^2"
+    assert text.encode("latin-1", PLAIN_SIGNS) == "2.60 µs ± 3 %, 1 × 2 - 3 sigma >= 4 m²".encode("latin-1")
+    assert "漢".encode("ascii", PLAIN_SIGNS) == b"\\u6f22"
+
+
+def test_a_command_prints_plain_signs_where_the_locale_is_c() -> None:
+    environment = {"PATH": os.environ["PATH"], "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    environment |= {name: os.environ[name] for name in ("PYTHONPATH", "HOME", "XDG_CACHE_HOME") if name in os.environ}
+    done = subprocess.run(
+        [sys.executable, "-m", "beambench", "scenes", "list"],
+        env=environment,
+        capture_output=True,
+        check=True,
+        timeout=120,
+    )
+    assert b" x (" in done.stdout and b"\\x" not in done.stdout

@@ -15,7 +15,6 @@ import pytest
 
 import beambench
 from beambench.benchmarks.datasets import crew
-from beambench.benchmarks.datasets.crew import cores_usable
 from beambench.benchmarks.datasets.jobs import Jobs, identity_of, shard_length
 from beambench.benchmarks.datasets.large import Force, make_dataset
 from beambench.benchmarks.datasets.outline import check_parts, pilot, staff
@@ -24,6 +23,7 @@ from beambench.captures import finalize, open_captures, repair, verify
 from beambench.generator.generate import generate
 from beambench.scenes.datasets.load import load_dataset
 from beambench.scenes.errors import InputError
+from beambench.scenes.machine import usable_cores
 
 from ._data_sets import ALL_KINDS, tiny
 
@@ -74,8 +74,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(
     store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """SIGKILL in the middle, then two workers instead of one: every file is that of the undisturbed run."""
-    monkeypatch.setattr(crew, "cores_usable", lambda: 2)
-    monkeypatch.setattr("beambench.benchmarks.datasets.outline.cores_usable", lambda: 2)
+    monkeypatch.setattr("beambench.benchmarks.datasets.outline.usable_cores", lambda: 2)
     file, out = tmp_path / "tiny.json", tmp_path / "out"
     file.write_text(json.dumps(tiny()))
     words = [sys.executable, "-m", "beambench", "generate", str(file), "-o", str(out), "--workers", "1"]
@@ -232,19 +231,12 @@ def test_estimates_are_scored_by_capture(store: Path, tmp_path: Path) -> None:
 
 
 def test_workers_share_the_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert 1 <= cores_usable() <= len(os.sched_getaffinity(0))
-    monkeypatch.setattr("beambench.benchmarks.datasets.outline.cores_usable", lambda: 8)
+    assert 1 <= usable_cores() <= len(os.sched_getaffinity(0))
+    monkeypatch.setattr("beambench.benchmarks.datasets.outline.usable_cores", lambda: 8)
     for workers in (None, 1, 3, 8):
         count, threads = staff(workers, 100)
         assert 1 <= count * threads <= 8
     assert staff(None, 2) == (2, 4)
-
-
-def test_the_quota_of_a_control_group_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(64)))
-    for quota, cores in ((0.0, 64), (0.5, 1), (3.7, 3), (100.0, 64)):
-        monkeypatch.setattr(crew, "_quota", lambda quota=quota: quota)
-        assert cores_usable() == cores
 
 
 def test_jobs_depend_on_the_data_set_alone() -> None:

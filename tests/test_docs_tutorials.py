@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-#: Tutorials of more than ten seconds of CPU time.
+#: Tutorials of more than a minute of CPU time.
 LONG = ("line-survey",)
 
 
@@ -30,7 +30,16 @@ def executed(runner: ModuleType, name: str, folder: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["first-capture", "your-own-estimator", "your-own-rig", "water-and-rungs", "speed-accuracy", "turbulence"],
+    [
+        "first-capture",
+        "your-own-estimator",
+        "your-own-rig",
+        "water-and-rungs",
+        "speed-accuracy",
+        "turbulence",
+        "training",
+        "twin-certificate",
+    ],
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_tutorial_finds_what_it_says(runner: ModuleType, name: str, tmp_path: Path) -> None:
@@ -49,7 +58,7 @@ def test_every_tutorial_is_run_and_is_on_the_site(runner: ModuleType, project: P
     names = runner.names()
     tested = Path(__file__).read_text(encoding="utf-8")
     index = (project / "docs" / "index.md").read_text(encoding="utf-8")
-    assert len(names) >= 7
+    assert len(names) >= 9
     for name in names:
         assert f'"{name}"' in tested, f"{name} is run by no test"
         assert f"\ntutorials/{name}\n" in index, f"{name} is not on the site"

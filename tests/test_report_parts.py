@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import re
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from beambench.benchmarks.report.pairs import pairs_section
 from beambench.benchmarks.report.picture_files import picture_index
 from beambench.benchmarks.report.picture_section import RELIEF_BUDGET, picture_scenes, reliefs_of
 from beambench.benchmarks.report.pictures import Picture
+from beambench.benchmarks.report.sources import KNOWN, source_of
 from beambench.benchmarks.report.styles import PALETTE, styles_of
 from beambench.benchmarks.report.surfaces import MISSING, coarse, packed
 from beambench.benchmarks.report.table import score_table
@@ -27,6 +29,7 @@ from beambench.benchmarks.scores.tables import read_scores
 from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures.layouts import LAYOUTS, layout_of
 from beambench.estimators.builtin import BUILTIN
+from beambench.estimators.registry import get_estimator
 from beambench.scenes.errors import InputError
 
 from . import _api_fixtures as made_up
@@ -166,11 +169,40 @@ def test_fidelity_is_drawn_from_effects_and_from_rungs() -> None:
 def test_sources_become_entries_without_remarks() -> None:
     found = citations_of(["poisson-ml", "spot-centroid+slope-cell", "weighted-average[background=outside]", "stranger"])
     assert found.without == ["stranger"] and set(found.keys) >= {"poisson-ml", "spot-centroid+slope-cell"}
-    entries = re.findall(r"@misc\{([a-z0-9]+),\n(.*?)\n\}", found.bibtex, re.DOTALL)
+    entries = re.findall(r"@\w+\{([a-z0-9]+),\n(.*?)\n\}", found.bibtex, re.DOTALL)
     keys = [key for key, _ in entries]
-    assert len(set(keys)) == len(keys) and {k for mine in found.keys.values() for k in mine} == set(keys)
-    assert all("year " in text and "note " in text and text.count("{") == text.count("}") for _, text in entries)
-    assert re.search(r"osborne1992.*author = \{Osborne\}.*Rev\. 60:99, 1992\}", found.bibtex, re.DOTALL)
+    assert keys[0] == "beambench" and f"version {version('beambench')}" in entries[0][1]
+    assert len(set(keys)) == len(keys) and {k for mine in found.keys.values() for k in mine} == set(keys[1:])
+    assert all("year " in text and text.count("{") == text.count("}") for _, text in entries[1:])
+    assert re.search(
+        r"osborne1992.*author = \{Osborne\}.*title  = \{Fisher's method of scoring\}", found.bibtex, re.DOTALL
+    )
+
+
+def test_known_sources_are_those_of_built_in_estimators() -> None:
+    """Each known source is cited, its title or DOI is of one entry, and unknown ones keep the free form of their reference."""
+    text = citations_of(BUILTIN).bibtex
+    entries = dict(re.findall(r"@\w+\{([a-z0-9]+),\n(.*?)\n\}", text, re.DOTALL))
+    dois = re.findall(r"doi    = \{(.*)\}", text)
+    assert len(dois) == len(set(dois)) >= 20 and all(re.fullmatch(r"10\.\d{4,5}/\S+", doi) for doi in dois)
+    for words, fields in KNOWN.items():
+        own = [
+            one
+            for one in entries.values()
+            if any(f"{{{fields[key]}}}" in one for key in ("doi", "title") if key in fields)
+        ]
+        assert len(own) == 1, words
+    assert all("note " in one or "title " in one or "doi " in one for one in entries.values())
+    assert "Final report" in entries["guo2017"] and "Woods Hole" in entries["kusters1992"]
+
+
+def test_sources_that_nobody_looked_up_have_no_doi() -> None:
+    for name in BUILTIN:
+        for part in get_estimator(name).cites.split("; "):
+            if "not verified" in part:
+                assert not source_of(part), part
+                entry = citations_of([name]).bibtex
+                assert "(not verified)}" in entry, entry
 
 
 def test_every_built_in_source_has_a_plausible_year() -> None:
@@ -189,7 +221,7 @@ def test_files_for_a_paper(tmp_path: Path) -> None:
     tex, text = ((folder / name).read_text(encoding="utf-8") for name in ("report.tex", "report.md"))
     assert r"A \& B" in tex and tex.count("\\begin{tabular}") == len(made_up.SCENES) == tex.count("\\bottomrule")
     cited = {key for keys in re.findall(r"\\cite\{([^}]*)\}", tex) for key in keys.split(",")}
-    assert cited == set(re.findall(r"@misc\{([^,]*),", (folder / "report.bib").read_text(encoding="utf-8")))
+    assert cited == set(re.findall(r"@\w+\{([^,]*),", (folder / "report.bib").read_text(encoding="utf-8")))
     rows = [line for line in tex.splitlines() if line.endswith("\\\\") and "&" in line]
     assert len({len(re.findall(r"(?<!\\)&", line)) for line in rows}) == 1, "every row has the columns of the head"
     assert "# A & B \\| c" in text and "0.63" in text and "    beambench run x" in text

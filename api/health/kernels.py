@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 
+from ..scenes.machine import usable_cores
 from .finding import Finding
 
 __all__ = ["environment", "kernel_cache", "threads"]
@@ -88,7 +89,7 @@ def environment() -> list[Finding]:
         value = os.environ.get(name, "")
         if value and not (name == "OMP_WAIT_POLICY" and value.upper() == "PASSIVE"):
             found.append(Finding("environment", name, "warning", f"{value}: {effect}", f"unset {name}"))
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     for name in _COUNTS:
         value = os.environ.get(name, "")
         if value and not (value.isdigit() and 1 <= int(value[:9]) <= cores):

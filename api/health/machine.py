@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 from ..benchmarks.runner.jail import abi, isolation
+from ..scenes.machine import usable_cores
 from .finding import Finding
 from .packages import version_of
 
@@ -23,7 +24,7 @@ def python() -> list[Finding]:
     """Python, Beambench and the processor's cores."""
     text = f"{platform.python_implementation()} {platform.python_version()} on {platform.system()} {platform.machine()}"
     good = sys.version_info >= (3, 11)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     return [
         Finding("python", "python", "ok" if good else "broken", text, "" if good else "install Python 3.11 or newer"),
         Finding("python", "beambench", "ok", version_of("beambench") or "not installed as a package"),

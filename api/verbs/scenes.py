@@ -54,11 +54,14 @@ def scenes_show(scene: str | Path | Mapping[str, Any] | Scene, *, overrides: Map
         The scene, with every value that `overrides` can set.
 
     Raises:
-        InputError: No such scene, an unknown key, or a missing or impossible value.
+        InputError: No such scene, an unknown key, a missing or impossible value, or a mesh, grid or texture that cannot be used.
     """
     from ..scenes.load import load_scene
+    from ..scenes.whole import check_whole
 
-    return load_scene(scene, overrides)
+    loaded = load_scene(scene, overrides)
+    check_whole(loaded)
+    return loaded
 
 
 def scenes_new(name: str, *, like: str = "flat-wall", out: str | Path | None = None, overwrite: bool = False) -> Path:

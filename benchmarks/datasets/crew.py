@@ -22,7 +22,7 @@ from typing import IO, Any
 from ...scenes.errors import InputError
 from ..runner.protocol import THREAD_VARIABLES
 
-__all__ = ["MOST_TRIES", "Crew", "Task", "cores_usable", "error_of"]
+__all__ = ["MOST_TRIES", "Crew", "Task", "error_of"]
 
 #: Workers that one job may end before it is set aside.
 MOST_TRIES = 3
@@ -39,30 +39,6 @@ _LOOK_S = 1.0
 #: Processor time above which a worker works, as a share of the time.
 _BUSY = 0.001
 _COMMAND = "from beambench.benchmarks.datasets.worker import main; main()"
-
-
-def cores_usable() -> int:
-    """Processors that this process may use: its affinity, and the quota of its control group (cgroup v2 or v1)."""
-    own = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    quota = _quota()
-    return max(1, min(own, int(quota) if quota >= 1 else 1)) if quota else own
-
-
-def _quota() -> float:
-    """Processors by the quota of the control group; 0 without one."""
-    with suppress(OSError, ValueError, IndexError):
-        with open("/proc/self/cgroup", encoding="ascii") as file:
-            places = [line.rstrip("\n").split(":", 2)[2] for line in file if line.startswith("0::")]
-        for place in [*places, "/"]:
-            with suppress(OSError), open(f"/sys/fs/cgroup{place.rstrip('/')}/cpu.max", encoding="ascii") as file:
-                most, period = file.read().split()
-                return 0.0 if most == "max" else float(most) / float(period)
-    with suppress(OSError, ValueError):
-        with open("/sys/fs/cgroup/cpu/cpu.cfs_quota_us", encoding="ascii") as file:
-            most_us = float(file.read())
-        with open("/sys/fs/cgroup/cpu/cpu.cfs_period_us", encoding="ascii") as file:
-            return max(most_us, 0.0) / float(file.read())
-    return 0.0
 
 
 @dataclass

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,6 +153,7 @@ def check_items(items: Sequence[Item]) -> None:
         InputError: an impossible rung, rtol or combination, or a capture larger than the memory.
     """
     from ...generator.checked import checked
+    from ...scenes.machine import memory_bytes
     from ...scenes.scene import sizes_of
 
     for item in items:
@@ -165,10 +165,10 @@ def check_items(items: Sequence[Item]) -> None:
         )  # fmt: skip
         slices, rows, cols = sizes_of(item.scene)
         needed = slices * (rows * cols * _BYTES_PER_SAMPLE + _BYTES_PER_SLICE)
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        memory = memory_bytes()
         if needed > memory:
             raise InputError(
-                "One capture does not fit into the memory of this machine.",
+                "One capture does not fit into the memory of this machine, or of its control group.",
                 where=f"{where}: {slices} × {rows} × {cols} samples",
                 value=f"{needed / 2**30:.3g} GiB",
                 allowed=f"{memory / 2**30:.3g} GiB",

@@ -15,7 +15,8 @@ import numpy as np
 
 from ...scenes.datasets.spec import PARTS
 from ...scenes.errors import InputError
-from .crew import Crew, Task, cores_usable
+from ...scenes.machine import free_bytes, usable_cores
+from .crew import Crew, Task
 from .jobs import Jobs, groups_of, identity_of, shard_length
 from .sizes import stored_bytes
 
@@ -60,7 +61,7 @@ class Pilot:
 
 def staff(workers: int | None, jobs: int) -> tuple[int, int]:
     """(workers, threads of each), workers × threads within the processors. Raises InputError for a number that is none."""
-    cores = cores_usable()
+    cores = usable_cores()
     if workers is not None and not (1 <= workers <= 4096):
         raise InputError(
             "The number of workers is a whole number above 0.", where="--workers", value=workers, allowed=f"1 … {cores}"
@@ -244,6 +245,4 @@ def free_bytes_at(out: Path) -> int:
 
 def most_workers(decoded: int, wanted: int) -> int:
     """As many workers as the free memory holds, at least one."""
-    from ...captures.store.layout import free_bytes
-
     return max(1, min(wanted, free_bytes() // (_WORKER_BYTES + _COPIES * decoded)))

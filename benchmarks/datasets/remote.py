@@ -18,7 +18,8 @@ from typing import Any
 from ...captures.provenance import cpu, versions
 from ...optics.jit import source_hash
 from ...scenes.errors import InputError
-from .crew import Crew, Task, cores_usable
+from ...scenes.machine import usable_cores
+from .crew import Crew, Task
 
 __all__ = ["about", "leave", "look", "make", "unfit"]
 
@@ -42,7 +43,7 @@ class _Crews:
             held[2].__exit__()
             held = None
         if held is None:
-            threads = max(1, cores_usable() // _threads())
+            threads = max(1, usable_cores() // _threads())
             crew = Crew(
                 told_all["begin"], 1, threads, limit_s=told_all["limit_s"], expected_s=told_all["expected_s"], tries=1,
                 wanted=lambda: _read(told_all["begin"]["root"])[0] == told_all["token"],

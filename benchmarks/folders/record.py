@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import sys
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+
+from ...scenes.machine import memory_bytes, usable_cores
 
 __all__ = ["TABLES_VERSION", "machine", "now", "versions"]
 
@@ -54,14 +55,12 @@ def _features() -> str:
 
 def machine() -> dict[str, Any]:
     """Description of the machine, without names of people or hosts."""
-    import psutil
-
     return {
         "system": f"{platform.system()} {platform.release()}",
         "processor": _processor(),
         "features": _features(),
-        "cores_usable": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "memory_bytes": psutil.virtual_memory().total,
+        "cores_usable": usable_cores(),
+        "memory_bytes": memory_bytes(),
         "device_class": "cpu",
         "threads_per_estimator": 1,
     }

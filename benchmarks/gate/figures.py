@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimators.labels import label_of
-from ...scenes.errors import InputError, reason
+from ...scenes.errors import InputError, other_version, reason
 from ..folders.files import write_text
 from ..report.data import read_run
 from ..scores.error_tiles import read_tiles
@@ -183,10 +183,15 @@ def read_baseline(path: Path) -> Figures:
         ) from error  # fmt: skip
     except (OSError, ValueError) as error:
         raise InputError("The baseline cannot be read.", where=str(path), value=reason(error)) from error
-    if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (_FORMAT, _VERSION):
+    if not isinstance(data, dict) or data.get("format") != _FORMAT:
         raise InputError(
-            "The file is not a baseline that this version reads.", where=str(path), allowed=f"{_FORMAT}, version {_VERSION}",
-            next_step="write a new one: gate --update --why '...'",
+            "The file is not a baseline.", where=str(path), allowed="a file written by beambench gate --update",
+            next_step=f"beambench gate RUN --baseline {path} --update --why 'first baseline'",
+        )  # fmt: skip
+    if data.get("version") != _VERSION:
+        raise other_version(
+            "The baseline is of another version of its format.", where=str(path), found=data.get("version"), known=_VERSION,
+            older=f"write it anew: beambench gate RUN --baseline {path} --update --why 'new version of baselines'",
         )  # fmt: skip
     try:
         cells = [tuple(map(str, cell)) for cell in data["cells"]]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, other_version
 from ..folders.files import write_text
 from ..folders.record import now
 from ..scores.tables import read_scores
@@ -95,10 +95,10 @@ def gate_run(
             allowed=whole.head["suite"],
         )
     if old.head["tables_version"] != whole.head["tables_version"]:
-        raise InputError(
+        raise other_version(
             "The baseline's figures follow another version of the tables, in which columns meant something else.",
-            where=str(baseline), value=old.head["tables_version"], allowed=whole.head["tables_version"],
-            next_step="gate --update --why 'tables changed'",
+            where=str(baseline), found=old.head["tables_version"], known=whole.head["tables_version"],
+            older=f"beambench gate {folder} --baseline {baseline} --update --why 'tables changed'",
         )  # fmt: skip
     new = whole
     if labels is not None:

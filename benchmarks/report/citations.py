@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from ...estimators.builtin import BUILTIN
 from ...estimators.labels import links_of, split_label
+from .sources import PRODUCT, source_of
 
-__all__ = ["Citations", "citations_of", "latex"]
+__all__ = ["OWN_KEY", "Citations", "citations_of", "latex", "product_entry"]
+
+#: Key of the entry of Beambench itself.
+OWN_KEY = "beambench"
 
 #: A year; after a colon stands a page.
 _YEAR = re.compile(r"(?<![:\d])\b(1[6-9]\d\d|20\d\d)\b")
@@ -37,10 +41,11 @@ def latex(text: str) -> str:
 def citations_of(labels: Iterable[str]) -> Citations:
     """Entries of the built-in estimators among `labels`, and of the links of chains.
 
-    The source is the text `cites` of an estimator; parts between semicolons are sources of their own, and remarks (which
-    formula, what for) are left out. An entry is @misc, with the authors and the year as far as the text tells them, and the
-    whole reference as `note`, since it names journal and volume in free form. Plug-ins are not imported, since a page may be
-    made from a stranger's table.
+    The first entry is Beambench itself. The source is the text `cites` of an estimator; parts between semicolons are sources
+    of their own, and remarks (which formula, what for) are left out. A source that was looked up (`sources`) has its title,
+    journal and DOI; any other is @misc, with the authors and the year as far as the text tells them, and the whole reference
+    as `note`, since it names journal and volume in free form. Plug-ins are not imported, since a page may be made from a
+    stranger's table.
     """
     keys: dict[str, list[str]] = {}
     entries: dict[str, str] = {}  # text -> key
@@ -53,7 +58,14 @@ def citations_of(labels: Iterable[str]) -> Citations:
             entries.setdefault(text, _new_key(text, set(entries.values())))
         keys[label] = list(dict.fromkeys(entries[text] for text in texts))
     ordered = sorted(entries.items(), key=lambda item: item[1])
-    return Citations("\n".join(_entry(key, text) for text, key in ordered), keys, without)
+    return Citations("\n".join([product_entry(), *(_entry(key, text) for text, key in ordered)]), keys, without)
+
+
+def product_entry() -> str:
+    """The entry of Beambench, in the version that is installed."""
+    from importlib.metadata import version
+
+    return _written("misc", OWN_KEY, {**PRODUCT, "howpublished": f"Software, version {latex(version('beambench'))}"})
 
 
 def _sources(name: str) -> list[str]:
@@ -63,7 +75,10 @@ def _sources(name: str) -> list[str]:
 
     # A semicolon inside parentheses separates remarks, not sources.
     parts = re.split(r";\s*(?![^(]*\))", get_estimator(name).cites)
-    return [reference for part in parts if (reference := _reference(part))]
+    doubt = " (not verified)"
+    return [
+        reference + doubt * ("not verified" in part) for part in parts if (reference := _reference(part))
+    ]  # who copies an entry learns that nobody looked it up
 
 
 def _reference(text: str) -> str:
@@ -112,6 +127,14 @@ def _suffixes() -> Iterable[str]:
 
 def _entry(key: str, text: str) -> str:
     year = _YEAR.findall(text.split("(")[0]) or _YEAR.findall(text)
-    fields = {"author": latex(_authors(text)), "year": year[-1] if year else "", "note": latex(text)}
-    lines = [f"  {name:6} = {{{value}}}," for name, value in fields.items() if value]
-    return "\n".join([f"@misc{{{key},", *lines, "}", ""])
+    fields = {"author": latex(_authors(text)), "year": year[-1] if year else ""}
+    known = dict(source_of(text))
+    if not known:
+        return _written("misc", key, fields | {"note": latex(text)})
+    entry = known.pop("entry", "article")
+    return _written(entry, key, {"author": fields["author"], **known, "year": fields["year"]})
+
+
+def _written(entry: str, key: str, fields: Mapping[str, str]) -> str:
+    lines = [f"  {'type' if name == 'kind' else name:6} = {{{value}}}," for name, value in fields.items() if value]
+    return "\n".join([f"@{entry}{{{key},", *lines, "}", ""])

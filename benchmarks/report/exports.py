@@ -7,7 +7,7 @@ from pathlib import Path
 from ..folders.files import write_text
 from .cell import Cell, common_noun
 from .charts import panel_title, panels_of
-from .citations import citations_of, latex
+from .citations import OWN_KEY, citations_of, latex
 from .data import unit_scale
 from .numbers import number, rate, span, time_text
 from .table_csv import table_csv
@@ -84,7 +84,7 @@ def _latex(title: str, base: list[Cell], keys: dict[str, list[str]], without: li
         lines += [
             "\\begin{table}", "  \\centering",
             f"  \\caption{{{latex(title)}, {latex(name)}: RMSE of all {noun}s with its 95\\,\\% interval, and CPU time "
-            f"per {noun}.}}",
+            f"per {noun}. Made with Beambench~\\cite{{{OWN_KEY}}}.}}",
             "  \\begin{tabular}{llrrrrr}", "    \\toprule",
             "    " + " & ".join(_HEAD) + " \\\\", "    \\midrule",
         ]  # fmt: skip

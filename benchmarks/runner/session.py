@@ -6,11 +6,11 @@ captures.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from ...scenes.machine import usable_cores
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
 from .attempt import REFUSED, attempt
@@ -157,7 +157,7 @@ def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    width = max(1, len(os.sched_getaffinity(0)))
+    width = usable_cores()
     for first in range(0, len(sessions), width):
         wave = [(n, session) for n, session in enumerate(sessions[first : first + width], first) if session.jobs]
         try:

@@ -20,7 +20,6 @@ __all__ = [
     "LARGE_BYTES",
     "array_problem",
     "attributes_problem",
-    "free_bytes",
     "group_structure",
     "size_problem",
     "structure_problem",
@@ -114,13 +113,6 @@ def array_problem(array: Mapping[str, Any], entry: Mapping[str, Any], count: int
         [codec.get("name") if isinstance(codec, dict) else None for codec in codecs] if isinstance(codecs, list) else []
     )
     return "" if names == _CODECS else f"its codecs are {str(names)[:120]}, not {_CODECS}"
-
-
-def free_bytes() -> int:
-    """Memory that can be had without swapping, bytes."""
-    import psutil
-
-    return int(psutil.virtual_memory().available)
 
 
 def size_problem(structure: Structure, chunks: Mapping[str, Mapping[str, Mark]]) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, other_version
 from ...scenes.json_keys import read_json
 from ..layouts.schema import SCHEMA_VERSION
 
@@ -145,10 +145,10 @@ def _parsed(root: Path, text: bytes) -> Manifest:
     body = read_json(text)
     versions = (body["format"], body["store_version"], body["schema_version"])
     if versions not in [(FORMAT, version, SCHEMA_VERSION) for version in _READ_VERSIONS]:
-        raise InputError(
-            "The store was written in another version of the format.",
-            where=str(root), value=versions, allowed=f"{(FORMAT, STORE_VERSION, SCHEMA_VERSION)}",
-            next_step="read it with the version of Beambench that wrote it, or generate it anew",
+        raise other_version(
+            "The store was written in another version of the format.", where=str(root),
+            found=max(versions[1:], key=lambda one: one if type(one) is int else -1), known=STORE_VERSION,
+            older="read it with the version of Beambench that wrote it, or generate it anew",
         )  # fmt: skip
     count = body["count"]
     if type(count) is not int or not 0 < count <= _MOST:

@@ -13,9 +13,10 @@ import numpy as np
 
 from ...scenes.errors import InputError
 from ...scenes.json_keys import read_json
+from ...scenes.machine import free_bytes
 from ..validate import validate
 from .arrays import Structure, chunk_bytes, decode_attributes, open_arrays
-from .layout import LARGE_BYTES, array_problem, attributes_problem, free_bytes, group_structure, size_problem
+from .layout import LARGE_BYTES, array_problem, attributes_problem, group_structure, size_problem
 from .manifest import (
     ASK_FOR_RIGHTS,
     UNREADABLE,

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ...scenes.errors import InputError
+from ...scenes.errors import InputError, other_version
 from ...scenes.json_keys import read_json
 from ..layouts.schema import SCHEMA_VERSION
 from .arrays import Structure
@@ -218,10 +218,10 @@ def _parsed(root: Path, text: bytes) -> ShardedManifest:
     body = read_json(text)
     versions = (body["format"], body["store_version"], body["schema_version"])
     if versions != (FORMAT, SHARDED_VERSION, SCHEMA_VERSION):
-        raise InputError(
-            "The store was written in another version of the format.", where=str(root), value=versions,
-            allowed=f"{(FORMAT, SHARDED_VERSION, SCHEMA_VERSION)}",
-            next_step="read it with the version of Beambench that wrote it, or generate it anew",
+        raise other_version(
+            "The store was written in another version of the format.", where=str(root),
+            found=max(versions[1:], key=lambda one: one if type(one) is int else -1), known=SHARDED_VERSION,
+            older="read it with the version of Beambench that wrote it, or generate it anew",
         )  # fmt: skip
     groups: dict[str, Group] = {}
     for name, one in body["groups"].items():

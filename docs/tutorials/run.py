@@ -14,6 +14,8 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+#: A package that a tutorial installs: pip install -e docs/training-project
+EXAMPLE = HERE.parent / "training-project"
 
 
 def names() -> list[str]:
@@ -35,12 +37,15 @@ def program_of(name: str) -> str:
 
 def execute(name: str, folder: Path) -> Path:
     """Run a tutorial in a folder; returns its figure. Raises AssertionError where something is not as the page says."""
-    before = Path.cwd()
+    before, arguments = Path.cwd(), sys.argv
     os.chdir(folder)
+    sys.path.insert(0, str(EXAMPLE))
     try:
         exec(compile(program_of(name), str(HERE / f"{name}.md"), "exec"), {"__name__": "tutorial"})
     finally:
         os.chdir(before)
+        sys.path.remove(str(EXAMPLE))
+        sys.argv = arguments
     return folder / "figure.png"
 
 

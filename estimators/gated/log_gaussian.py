@@ -27,13 +27,13 @@ def _vertex(before: Float, at: Float, after: Float, a: Float, b: Float) -> Float
 
 @estimator(
     "gated",
-    cites="Fisher and Naidu, in Image Technology (Springer), 1996 (Gaussian peak from three logarithms; not verified)",
+    cites="R. B. Fisher and D. K. Naidu, Image Technology, Springer 1996, p. 385 (Gaussian approximation)",
 )
 def log_gaussian(capture: xr.Dataset, *, background: Background = "outside") -> xr.Dataset:
     """Vertex of the parabola through ln(y − B) of the brightest slice and its neighbours, plus the argument of max R.
 
     Exact for a Gaussian response without noise: t₀ + ½(a²U − b²D)/(−aU − bD), U = ln y₊/y₀ at t₀+b, D = ln y₋/y₀ at t₀−a
-    (for even steps ½·step·(ln y₋ − ln y₊)/(ln y₋ − 2 ln y₀ + ln y₊)). (The source is not verified.)
+    (for even steps ½·step·(ln y₋ − ln y₊)/(ln y₋ − 2 ln y₀ + ln y₊)).
     Other arguments: background: "outside" subtracts the mean of the slices that R does not reach, "none" nothing: a level
     that is left flattens the curvature of the logarithm.
     Returns range, sigma [m], valid (row, col). sigma is the root mean square error at the amplitude, the level and the

@@ -113,7 +113,7 @@ def _iterate(  # type: ignore[no-untyped-def]
                 ok[row, col] = done
 
 
-@estimator("gated", cites="this project; light by Guo et al., final report, 2017 (Eq. 4 and 6)")
+@estimator("gated", cites="this project; Guo et al. 2017, Eq. 4 and 6 (light)")
 def radiometric_average(
     capture: xr.Dataset, *, k_s: float = 0.0, k_d: float = 0.16, slope: float = 0.3, diffusivity: float = 1.0,
     k: float = 1.0, phi: float | None = None,

@@ -1,6 +1,6 @@
 """Power spectra of profiles: detrended, tapered, transformed. One-sided densities in m³ = m²/(cycle/m), but for the document's own.
 
-Sources: K. Kusters 1992, sec. 5.5.2; F. J. Harris, Proc. IEEE 66:51, 1978 (Hann); D. J. Thomson, Proc. IEEE 70:1055, 1982
+Sources: Kusters 1992, sec. 5.5.2; F. J. Harris, Proc. IEEE 66:51, 1978 (Hann); D. J. Thomson, Proc. IEEE 70:1055, 1982
 (multitaper); J. D. Scargle, Astrophysical Journal 263:835, 1982.
 """
 

@@ -1,6 +1,6 @@
 """Profiles of a surface from triangulated points: which of them are kept, and how they are resampled.
 
-Source: K. Kusters, Underwater structured-lighting range measurement, 1992, sec. 5.5.1.
+Source: Kusters 1992, sec. 5.5.1.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def fit_reml(profiles: list[Profile], *, aperture: float = 0.0) -> Fit:
     return power_law_of_points(profiles, (float(line[0]), float(line[1])), aperture)
 
 
-@estimator("spectrum", cites="K. Kusters 1992, sec. 5.5 (taper's constants and the line are choices)", joint=True)
+@estimator("spectrum", cites="Kusters 1992, sec. 5.5 (taper's constants and the line are choices)", joint=True)
 def spectrum_kusters(
     points: xr.Dataset, rig: DeclaredRig, *, least_points: int = POINTS, most_gap: float = 5.0, share: float = 0.25,
     sigmas: float = 2.5,
@@ -100,7 +100,9 @@ def spectrum_hann(
     return _answer(points, rig, least_points, most_gap, lambda held: fit_hann(held, share=share))
 
 
-@estimator("spectrum", cites="D. J. Thomson, Proc. IEEE 70:1055, 1982; P. Whittle 1953", joint=True)
+@estimator(
+    "spectrum", cites="D. J. Thomson, Proc. IEEE 70:1055, 1982; P. Whittle, Arkiv för Matematik 2:423, 1953", joint=True
+)
 def spectrum_multitaper(
     points: xr.Dataset, rig: DeclaredRig, *, least_points: int = POINTS, most_gap: float = 5.0, share: float = 0.5,
     bandwidth: float = 2.5,
@@ -111,7 +113,11 @@ def spectrum_multitaper(
     )
 
 
-@estimator("spectrum", cites="J. D. Scargle, Astrophysical Journal 263:835, 1982; P. Whittle 1953", joint=True)
+@estimator(
+    "spectrum",
+    cites="J. D. Scargle, Astrophysical Journal 263:835, 1982; P. Whittle, Arkiv för Matematik 2:423, 1953",
+    joint=True,
+)
 def spectrum_lomb_scargle(
     points: xr.Dataset, rig: DeclaredRig, *, least_points: int = POINTS, most_gap: float = 5.0, share: float = 0.5
 ) -> xr.Dataset:

@@ -62,7 +62,8 @@ def _check(reach: float, where: str) -> None:
 
 @estimator(
     "waveform",
-    cites="Guo et al. 2017, Figure 7 (weighted average of a photodetector's pulse); Busck and Heiselberg 2004",
+    cites="Guo et al. 2017, Figure 7 (weighted average of a photodetector's pulse); "
+    "Busck and Heiselberg, Appl. Opt. 43(24):4705, 2004",
 )
 @per_pulse
 def waveform_average(
@@ -91,7 +92,7 @@ def waveform_average(
 
 @estimator(
     "waveform",
-    cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (correction of pile-up; not verified)",
+    cites="Coates, J. Phys. E: Sci. Instrum. 1:878, 1968 (correction of pile-up)",
     needs={"detector.readout.kind": "single-photon"},
 )
 @per_pulse

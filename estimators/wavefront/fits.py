@@ -203,7 +203,10 @@ def _gaussian_fit(cells: Cells, steps: int) -> Found:
     return _fitted(cells, partial(_gaussian, cells), np.concatenate([start, more], axis=1), steps)
 
 
-@estimator("centroid", cites="K. Levenberg 1944, D. Marquardt 1963: least squares of a Gaussian over pixels, per spot")
+@estimator(
+    "centroid",
+    cites="K. Levenberg, Q. Appl. Math. 2:164, 1944; D. W. Marquardt, J. SIAM 11:431, 1963 (Gaussian over pixels, per spot)",
+)
 def spot_gaussian(
     capture: xr.Dataset, *, steps: int = 40, least_sigmas: float = 5.0, search: Search = "cell"
 ) -> xr.Dataset:

@@ -33,7 +33,8 @@ _CERTAIN = 1e-6
 
 @estimator(
     "turbulence",
-    cites="S. S. Wilks, Ann. Math. Stat. 9:60, 1938 (interval); C. L. Lawson and R. J. Hanson, 1974 (x ≥ 0)",
+    cites="S. S. Wilks, Ann. Math. Stat. 9:60, 1938 (interval); "
+    "C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974 (x ≥ 0)",
     joint=True,
 )
 def turbulence_ml(slopes: xr.Dataset, rig: DeclaredRig, coordinates: xr.Dataset) -> xr.Dataset:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scenes.meshes import mesh_uv, shape_mesh
+from ...scenes.meshes import mesh_uv
 from ...scenes.possible import check_possible, check_solid
 from ...scenes.procedural.build import procedural_mesh
 from ...scenes.procedural.spec import Procedural
@@ -19,6 +19,7 @@ from ...scenes.rigs.parts import Camera
 from ...scenes.scene import Scene
 from ...scenes.shapes import MeshFile, Rectangle, Sphere
 from ...scenes.textures import bilinear, load_texture, surface_uv
+from ...scenes.whole import object_mesh, place_of
 from .backend import mitsuba, ray_scene
 
 __all__ = ["Hits", "Tracer", "pixel_directions"]
@@ -74,7 +75,7 @@ class Tracer:
         check_possible(scene)
         self._objects = scene.target
         self._textures = {
-            number: load_texture(item.texture, f"{scene.name}: target.{item.name}.texture")
+            number: load_texture(item.texture, f"{place_of(scene, item)}.texture")
             for number, item in enumerate(scene.target)
             if item.texture is not None
         }
@@ -86,7 +87,6 @@ class Tracer:
         # Only where several triangles meet in one vertex can a ray slip through.
         self._vertices = any(not isinstance(item.shape, Sphere | Rectangle) for item in scene.target)
         for number, item in enumerate(scene.target):
-            where = f"{scene.name}: target.{item.name}"
             if isinstance(item.shape, Sphere):
                 parts[f"o{number}"] = {
                     "type": "sphere",
@@ -94,8 +94,7 @@ class Tracer:
                     "radius": item.shape.radius_m,
                 }
             else:
-                vertices, faces = shape_mesh(item.shape, where)
-                check_solid(scene, item, vertices, faces)
+                vertices, faces = object_mesh(scene, item)
                 if isinstance(item.shape, MeshFile):
                     self._meshes[number] = (vertices, faces)
                 if isinstance(item.shape, Procedural):
@@ -103,7 +102,7 @@ class Tracer:
                     self._pieces[number], self.pieces[number] = made.instance, made.instances
                 uv = None
                 if number in self._textures and isinstance(item.shape, MeshFile):
-                    uv = mesh_uv(item.shape, where)
+                    uv = mesh_uv(item.shape, f"{place_of(scene, item)}.shape.file")
                 parts[f"o{number}"] = _mesh(mi, f"o{number}", vertices, faces, uv)
         self._scene = ray_scene(parts)
         # Shapes come back in Mitsuba's own order: translate its pointers to our indices by the shapes' names.
