@@ -82,7 +82,10 @@ def test_an_efficient_estimator_is_never_suspect() -> None:
         (0.95, 1.0, 10_000, "exact", False),
         (0.6, 1.0, 4, "exact", False),  # chance
         (0.6, 1.0, 10_000, "quasi", False),
-        (0.4, 1.0, 10_000, "ziv-zakai", True),
+        (0.4, 1.0, 10_000, "quasi", True),
+        # Averages over the window: a truth in a part of it, or answers of the sure elements only, may err far less.
+        (0.02, 5.6, 10_000, "bayes", False),
+        (0.4, 1.0, 10_000, "ziv-zakai", False),
     ],
 )
 def test_limits_of_suspicion(rmse: float, bound: float, n: int, kind: str, suspect: bool) -> None:
