@@ -120,6 +120,14 @@ def test_what_was_drawn_is_held_against_what_was_asked() -> None:
     assert skewed.distance > skewed.limit
 
 
+def test_the_axis_of_whole_numbers_is_linear_and_called_so() -> None:
+    """Seeds from 1 to 4e9 have columns of equal width in their value; they were called logarithmic."""
+    seeds = {"kind": "integers", "low": 1, "high": 4_000_000_000, "paths": ["target.0.shape.tilt_y_deg"]}
+    data = Dataset.model_validate(tiny(TINY, parameters={"shape": seeds}))
+    (one,) = drawn_of(data, {"p.shape": [1.0, 2.0e9, 4.0e9]})
+    assert not one.log and np.ptp(np.diff(one.edges)) < 1e-6 * one.edges[-1]
+
+
 def test_charts_escape_their_texts() -> None:
     text = bars("<script>", np.array([0.0, 1.0]), np.array([3.0]), np.empty(0), ["<&>"])
     assert "<script" not in text and "&lt;&amp;&gt;" in text
