@@ -12,7 +12,7 @@ import pytest
 
 import beambench
 from beambench import cli
-from beambench.benchmarks.card.card import card_of
+from beambench.benchmarks.card.card import _share, card_of
 from beambench.benchmarks.card.charts import bars
 from beambench.benchmarks.card.figures import drawn_of
 from beambench.benchmarks.card.leaks import check_split
@@ -126,6 +126,16 @@ def test_the_axis_of_whole_numbers_is_linear_and_called_so() -> None:
     data = Dataset.model_validate(tiny(TINY, parameters={"shape": seeds}))
     (one,) = drawn_of(data, {"p.shape": [1.0, 2.0e9, 4.0e9]})
     assert not one.log and np.ptp(np.diff(one.edges)) < 1e-6 * one.edges[-1]
+
+
+def test_shares_are_written_in_full() -> None:
+    assert [_share(one) for one in (0.00512, 0.99, 1.0, 12.0, float("nan"))] == [
+        "0.51 %",
+        "99 %",
+        "100 %",
+        "1200 %",
+        "–",
+    ]
 
 
 def test_charts_escape_their_texts() -> None:
