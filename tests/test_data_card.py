@@ -12,7 +12,7 @@ import pytest
 
 import beambench
 from beambench import cli
-from beambench.benchmarks.card.card import card_of
+from beambench.benchmarks.card.card import _share, card_of
 from beambench.benchmarks.card.charts import bars
 from beambench.benchmarks.card.figures import drawn_of
 from beambench.benchmarks.card.leaks import check_split
@@ -118,6 +118,24 @@ def test_what_was_drawn_is_held_against_what_was_asked() -> None:
     assert albedo.distance == pytest.approx(exact, abs=1 / 20_000)
     (skewed, _) = drawn_of(data, sound | {"p.albedo": rng.triangular(0.1, 0.1, 0.9, 500).tolist()})
     assert skewed.distance > skewed.limit
+
+
+def test_the_axis_of_whole_numbers_is_linear_and_called_so() -> None:
+    """Seeds from 1 to 4e9 have columns of equal width in their value; they were called logarithmic."""
+    seeds = {"kind": "integers", "low": 1, "high": 4_000_000_000, "paths": ["target.0.shape.tilt_y_deg"]}
+    data = Dataset.model_validate(tiny(TINY, parameters={"shape": seeds}))
+    (one,) = drawn_of(data, {"p.shape": [1.0, 2.0e9, 4.0e9]})
+    assert not one.log and np.ptp(np.diff(one.edges)) < 1e-6 * one.edges[-1]
+
+
+def test_shares_are_written_in_full() -> None:
+    assert [_share(one) for one in (0.00512, 0.99, 1.0, 12.0, float("nan"))] == [
+        "0.51 %",
+        "99 %",
+        "100 %",
+        "1200 %",
+        "–",
+    ]
 
 
 def test_charts_escape_their_texts() -> None:

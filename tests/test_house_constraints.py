@@ -12,7 +12,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-EXTRAS = ("test", "peers")
+EXTRAS = ("test", "peers", "docs", "imports", "netcdf", "dask", "exports")
 TOOLS = {"pip", "setuptools"}  # what installs, not what is installed
 
 

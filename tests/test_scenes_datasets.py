@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from beambench.scenes.datasets.content import scene_content
 from beambench.scenes.datasets.draws import Draws
 from beambench.scenes.datasets.expressions import Expression
 from beambench.scenes.datasets.load import is_dataset, load_dataset
@@ -138,6 +139,22 @@ def test_no_scene_is_in_two_parts() -> None:
     assert all(len(found) == 1 for found in parts.values())
 
 
+def test_a_drawn_table_without_its_defaults_is_the_scene_that_is_recorded() -> None:
+    """A material with and without its default masking is one scene, in one part, by the hash of what a capture records."""
+    full = {
+        "kind": "cook-torrance", "diffuse_albedo": 0.2, "f0": 0.04, "roughness": 0.3, "distribution": "beckmann",
+        "masking": "height-correlated",
+    }  # fmt: skip
+    short = {key: value for key, value in full.items() if key != "masking"}
+    turn = {"material": {"kind": "choice", "values": [full, short], "paths": ["target.0.material"]}}
+    draws = load_dataset(tiny(parameters=turn, scenes=[{"scene": "step"}], captures=40))
+    found = [draws.drawn(number) for number in range(40)]
+    assert {len(one.values["material"]) for one in found} == {5, 6}
+    assert len({draws.content(one) for one in found}) == len({draws.part(one) for one in found}) == 1
+    recorded = draws.scene(found[0]).model_dump(mode="json")
+    assert draws.content(found[0]) == scene_content(recorded, ("target", "medium"))
+
+
 def test_the_parts_have_their_shares() -> None:
     """Binomial: within 4 standard deviations of .2 n."""
     draws = load_dataset(tiny(captures=2000))
@@ -150,8 +167,6 @@ def test_a_file_is_known_by_its_content(tmp_path: Path) -> None:
     base = json.loads(json.dumps(load_dataset(tiny()).scenes["step"]))
     for name, value in (("a", 0.5), ("b", 0.5), ("c", 0.7)):
         np.savez(tmp_path / f"{name}.npz", albedo=np.full((2, 2), value, np.float32))
-    from beambench.scenes.datasets.content import scene_content
-
     found = []
     for name in "abc":
         base["target"][0]["texture"] = {"file": str(tmp_path / f"{name}.npz")}

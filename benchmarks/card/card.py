@@ -263,4 +263,6 @@ def _split(card: Card) -> list[Block]:
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.2g} %" if math.isfinite(value) else "–"
+    if not math.isfinite(value):
+        return "–"
+    return f"{100 * value:.2g} %" if value < 0.995 else f"{100 * value:.0f} %"

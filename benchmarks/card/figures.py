@@ -81,7 +81,7 @@ def _binned(name: str, one: Any, values: Array, repeats: int) -> Drawn:
     asked = np.empty(0) if isinstance(one, Expressed) else np.array([one.value(u) for u in _QUANTILES], float)
     both = np.concatenate([values, asked])
     low, high = float(both.min()), float(both.max())
-    log = one.kind == "log_uniform" or (low > 0 and high > 100 * low)
+    log = one.kind == "log_uniform" or (one.kind != "integers" and low > 0 and high > 100 * low)
     if one.kind == "integers":
         edges = np.arange(low, high + 2) - 0.5 if high - low < 40 else np.linspace(low - 0.5, high + 0.5, _BINS + 1)
     else:

@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError
 from ..procedural.build import recipe_versions
 
-__all__ = ["scene_content"]
+__all__ = ["at_path", "scene_content"]
 
 
 def scene_content(scene: Mapping[str, Any], paths: Sequence[str]) -> str:
@@ -20,11 +20,12 @@ def scene_content(scene: Mapping[str, Any], paths: Sequence[str]) -> str:
     Raises:
         InputError: a path that leads nowhere, or a file that cannot be read.
     """
-    found = {path: _plain(_at(scene, path)) for path in paths}
+    found = {path: _plain(at_path(scene, path)) for path in paths}
     return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
 
 
-def _at(scene: Mapping[str, Any], path: str) -> Any:
+def at_path(scene: Mapping[str, Any], path: str) -> Any:
+    """The value at a path of a scene (plain data). Raises InputError where it leads nowhere."""
     node: Any = scene
     for key in path.split("."):
         if isinstance(node, Mapping) and key in node:

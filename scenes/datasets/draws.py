@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from ..errors import InputError
 from ..load import load_scene
 from ..overrides import apply_overrides
 from ..scene import Scene
-from .content import scene_content
+from .content import at_path, scene_content
 from .distributions import Expressed, Grid
 from .expressions import Expression
 from .spec import PARTS, Dataset, Rung, order_of
@@ -60,6 +61,7 @@ class Draws:
         self._roots = [np.linalg.cholesky(np.array(one.correlation)) for one in data.correlated]
         self._words = {name: _words(name) for name in (*data.parameters, "(scene)")}
         self._still: dict[str, str] = {}
+        self._filled: dict[tuple[str, str, str], Any] = {}
 
     @classmethod
     def of(cls, resolved: Mapping[str, Any]) -> Draws:
@@ -159,8 +161,29 @@ class Draws:
     def _parts(self, drawn: Drawn) -> dict[str, Any]:
         """Target and medium of a draw, as plain data."""
         own = {key: self.scenes[drawn.base][key] for key in ("target", "medium")}
-        changes = {path: value for path, value in drawn.changes.items() if path.split(".")[0] in own}
+        changes = {
+            path: self._whole(drawn, path, value) for path, value in drawn.changes.items() if path.split(".")[0] in own
+        }
         return apply_overrides(own, changes)
+
+    def _whole(self, drawn: Drawn, path: str, value: Any) -> Any:
+        """A drawn table or list with the values that it leaves out, as a capture records it.
+
+        Without them one scene would have two hashes, by whether a default is written down, and could be in two parts.
+        """
+        if not isinstance(value, Mapping | list | tuple):
+            return value
+        key = (drawn.base, path, json.dumps(value, sort_keys=True))
+        if key not in self._filled:
+            try:
+                scene = load_scene(self.scenes[drawn.base], {path: value})
+                self._filled[key] = at_path(scene.model_dump(mode="json"), path)
+            except InputError:  # impossible without the other changes, or at all
+                try:
+                    return at_path(self.scene(drawn).model_dump(mode="json"), path)
+                except InputError:
+                    return value
+        return self._filled[key]
 
     def _quantile(self, name: str, number: int, attempt: int) -> float:
         key = (number, _STAGE, attempt, *self._words[name])
