@@ -313,7 +313,7 @@ sweep: SUITE <text> required
 twin: --debug <flag> default False
 twin: --draws <number> default 40
 twin: --estimator <text...> default None
-twin: --fidelity <{direct,scatter,full}> default None
+twin: --fidelity <{direct,scatter,full,geometric,isolated,coherent}> default None
 twin: --index <number> default 0
 twin: --json <flag> default False
 twin: --out -o <text> default None

@@ -28,7 +28,7 @@ def twin(
     rig: str | Path | None = None,
     scene: str | Path | None = None,
     index: int = 0,
-    fidelity: Literal["direct", "scatter", "full"] | None = None,
+    fidelity: Literal["direct", "scatter", "full", "geometric", "isolated", "coherent"] | None = None,
     draws: int = 40,
     estimator: Sequence[str] | None = None,
     tolerance: Sequence[str] | Mapping[str, float] | None = None,
@@ -44,10 +44,12 @@ def twin(
     Main arguments:
         real: Store of the recording.
         rig: Rig file with standard errors, as `beambench calibrate` writes it; by default the first half calibrates.
-        scene: What the rig looked at, name or file, whose rig is the start; by default one echo per pixel, fitted.
+        scene: What the rig looked at, name or file, whose rig is the start; by default one echo per pixel, fitted. Only gated
+            cameras can do without.
     Other arguments:
         index: Which capture of the store.
-        fidelity: Rung that renders the scene: "scatter" or "full" with what the water scatters; direct by default.
+        fidelity: Rung that renders the scene, the cheapest by default: "scatter" or "full" with what the water scatters;
+            "geometric", "isolated" or "coherent" of a lenslet camera.
         draws: Simulated recordings; more narrow the intervals a little.
         estimator: Estimator whose place in the ranking is compared, repeatable; seven by default.
         tolerance: Tolerance of a clause in its unit, as NAME=VALUE, instead of its own.

@@ -1,7 +1,8 @@
 """What each estimator loses per unit of an error of its declared rig.
 
     python -m beambench.benchmarks.checks.mismatch [--suite mismatch] [--csv FILE]
- Each capture of the suite is read with the right rig, and with each error of its table `mismatch` alone, added and
+
+Each capture of the suite is read with the right rig, and with each error of its table `mismatch` alone, added and
 subtracted. The loss is the change of the rms error over the error's amount, of each sign by itself; the shift that of the
 mean error, half of the difference of both signs. Intervals (95 %) are Student's over the seeds: the noise is the same in all
 readings of a capture and drops out.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -63,6 +65,7 @@ def losses(loaded: Loaded) -> Iterator[Loss]:
         labels = [label for label in loaded.suite.estimators if loaded.reads(label, name)]
         errors = [error for error in loaded.suite.mismatch if applies(error, scene)]
         found: dict[tuple[str, str, int], list[tuple[float, float]]] = {}
+        refused: dict[tuple[str, int], str] = {}
         for cell in (cell for cell in cells if cell.scene_name == name):
             fidelity: Any = cell.fidelity
             capture = generate(
@@ -74,14 +77,15 @@ def losses(loaded: Loaded) -> Iterator[Loss]:
                     wrong = {error: sign * loaded.suite.mismatch[error]}
                     try:
                         readings.append((error, sign, wrongly_declared(cell.scene, wrong, hide_truth(capture))))
-                    except (
-                        InputError
-                    ):  # no rig can be declared so, e.g. an index below 1 in air: this sign has no figures
-                        continue
+                    except InputError as told:  # e.g. an index below 1 in air: this sign has no figures
+                        why = f"{name}: {error} {sign * loaded.suite.mismatch[error]:+g} cannot be declared: {told.what}"
+                        refused.setdefault((error, sign), why)
             for label in labels:
                 score = _scored(label, capture)
                 for error, sign, hidden in readings:
                     found.setdefault((label, error, sign), []).append(score(hidden))
+        for why in refused.values():
+            print(why, file=sys.stderr, flush=True)
         for label in labels:
             quantity = get_estimator(label.partition("[")[0]).stage.gives[0] if "+" not in label else _given(label)
             for error in errors:

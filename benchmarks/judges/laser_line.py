@@ -42,6 +42,7 @@ JUDGE = Judge(
     scenes=("spotscan-wall",),
     feeders={"triangulation": "line-erf", "spectrum": _CHAIN, "gravity": _CHAIN},
     laws="beambench.benchmarks.laws.laser_line:LAWS",
+    twin="beambench.benchmarks.twin.laser_line:TWIN",
     design="beambench.benchmarks.design.laser_line:DESIGNS",
     rungs="beambench.benchmarks.fidelity.laser_line:BENCH",
 )

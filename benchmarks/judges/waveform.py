@@ -54,4 +54,5 @@ JUDGE = Judge(
     neighbours=("waveform-ml", "waveform-average", "waveform-constant-fraction"),
     scenes=("photodetector-5m", "counter"),
     laws="beambench.benchmarks.laws.waveform:LAWS",
+    twin="beambench.benchmarks.twin.waveform:TWIN",
 )

@@ -62,5 +62,6 @@ JUDGE = Judge(
         "deconvolution": "spot-ml+slope-cell+zernike-map",
     },
     laws="beambench.benchmarks.laws.wavefront:LAWS",
+    twin="beambench.benchmarks.twin.wavefront:TWIN",
     design="beambench.benchmarks.design.wavefront:DESIGNS",
 )  # fmt: skip

@@ -6,6 +6,7 @@ ago.
     [mismatch]
     t0 = 2e-11              # s: the declared zero of time is 20 ps late
     pulse-width = 0.05      # 1: the declared pulse is 5 % longer than the true one
+
  Each is a stress of the declared rig (`stress_axes`, "wrong-…"), applied to what estimators are given and to nothing else:
 captures, truth and bounds are those of the condition "matched", noise included, so that the two differ by the error alone. A
 coordinate of times moves with the declared zero of time, as it would in the laboratory.
@@ -34,6 +35,7 @@ __all__ = ["ERRORS", "applies", "check_mismatch", "mismatched", "mismatched_capt
 ERRORS: dict[str, tuple[str, str]] = {
     "t0": ("wrong-t0", ""),
     "index": ("wrong-index", ""),
+    "phase-index": ("wrong-phase-index", "baseline"),
     "pulse-width": ("wrong-pulse", "pulse"),
     "gate-width": ("wrong-gate", "gates"),
     "baseline": ("wrong-baseline", "baseline"),

@@ -104,7 +104,7 @@ def _one(clause: Clause, found: tuple[float, float, float], half: float, level: 
     low, high = difference - half, difference + half
     bound = clause.factor * evidence.bounds.get(clause.name, math.nan)
     verdict: Verdict = "cannot tell"
-    if -tolerance < low and high < tolerance:
+    if -tolerance <= low and high <= tolerance:
         verdict, remark = "pass", "agrees within the tolerance"
     elif low > 0.0 or high < 0.0:
         verdict, remark = "fail", clause.physics
