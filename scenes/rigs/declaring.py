@@ -29,7 +29,13 @@ def as_declared(scene: RigScene, kind: type[SpecT]) -> tuple[SpecT, Medium]:
 def _applied(data: dict[str, Any], path: str, value: Any, where: str) -> dict[str, Any]:
     """The data with one declared value. Raises InputError that names the table and how its paths begin."""
     try:
-        return apply_overrides(data, {path: value})
+        changed = apply_overrides(data, {path: value})
+        table: Any = changed
+        for key in path.split(".")[:-1]:
+            table = table[key] if isinstance(table, dict) else None
+        if isinstance(table, dict):
+            table.pop("preset", None)  # its values stand in the table, and one of them is another now
+        return changed
     except InputError as error:
         near = error.next_step if error.next_step.startswith("did you mean") else ""
         start = f'write "{path.removeprefix("rig.")}"' if path.startswith("rig.") else near
