@@ -36,7 +36,8 @@ def row(**more: object) -> dict[str, object]:
 def test_an_estimate_is_told_as_it_is_measured() -> None:
     assert as_measured("peak", [row()]) == "peak: object1, matched, 21.0 mm rms"
     assert (
-        as_measured("peak", [row(quantity="range-mixed", rmse_full=9.0), row()]) == "peak: object1, matched, 21.0 mm rms"
+        as_measured("peak", [row(quantity="range-mixed", rmse_full=9.0), row()])
+        == "peak: object1, matched, 21.0 mm rms"
     )
     assert (
         as_measured("peak", [row(status="timeout: call over 3 s", rmse_full=math.nan)])

@@ -12,7 +12,8 @@ __all__ = ["as_measured"]
 
 
 def as_measured(label: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    """ "peak: object1, matched, 21.0 mm rms", or what became of it. Elements that are not answered count with the error of the prior.
+    """The words "peak: object1, matched, 21.0 mm rms", or what became of it. Elements that are not answered count with the error
+    of the prior.
 
     Main arguments:
         label: of the estimator. rows: of scores.csv, of one capture and condition; the first quantity is told.
