@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{title:6} {given.suite:11} {run.wall_s:7.1f} s wall {run.cpu_s:7.1f} s CPU{look}", flush=True)
             runs.append(run)
         print(f"load averages after:  {_load()}")
-        found = verdicts(install, *runs, help_s=statistics.median(helped), bare_s=statistics.median(bare))
+        found = verdicts(install, runs[0], runs[1], help_s=statistics.median(helped), bare_s=statistics.median(bare))
         for what, value, met in found:
             print(f"{'met    ' if met else 'not met'} {what}: {value}")
         print(
