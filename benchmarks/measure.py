@@ -15,6 +15,7 @@ from .folders.journal import Journal, with_nan, without_nan
 from .folders.progress import Progress
 from .folders.record import machine
 from .judges.mismatch import wrongly_declared
+from .report.as_measured import as_measured
 from .report.picture_files import Place, picture_index, write_picture
 from .runner.costs import cost_row
 from .runner.estimator_labels import Chosen
@@ -253,7 +254,7 @@ class Measuring:
         elif self._shown(cell, job.condition):
             self._draw(cell, chosen, outcome, truth)
         self.done += 1
-        self.progress("estimate", self.done, self.total, chosen.label)
+        self.progress("estimate", self.done, self.total, as_measured(chosen.label, rows))
 
     def _draw(self, cell: Cell, chosen: Chosen, outcome: Outcome, truths: Mapping[str, Truth]) -> None:
         """Store the picture of an estimate for the page, if its stage gives one."""

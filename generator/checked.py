@@ -12,6 +12,7 @@ from ..scenes.whole import check_whole
 from .choice import Rtol
 from .models import model_of
 from .request import Fidelity, Request
+from .water.phase import phase_of
 
 if TYPE_CHECKING:
     from .rays.trace import Tracer
@@ -42,8 +43,8 @@ def checked(
 
     Raises:
         InputError: a scene whose files cannot be used; a seed, a rung or an rtol that does not exist; a rung that is not built
-            for the scene's modality, that cannot model its rig, or that cannot keep the components of light apart; a modality
-            without instances.
+            for the scene's modality, that cannot model its rig or lacks the water's phase function, or that cannot keep the
+            components of light apart; a modality without instances.
     """
     if fidelity not in get_args(Fidelity):
         raise InputError(
@@ -72,6 +73,8 @@ def checked(
             next_step=f"leave out {name('truth_instances')}",
         )  # fmt: skip
     check_whole(scene)
+    if fidelity in model.wet:
+        phase_of(scene)
     model.check(scene, fidelity)
     return Request(seed, capture_key, fidelity, rtol, truth_electrons, truth_components, truth_instances, tracer)
 

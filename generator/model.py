@@ -58,7 +58,7 @@ class Model(Generic[LightT]):
     Other arguments:
         check: (scene, rung) -> None; raises InputError for a rig that the rung ("auto": any rung) does not model.
         apart: rungs that can keep the components of light apart. instances: whether it tells which piece of the target is seen.
-        clock: the coordinate that the declared time zero is added to.
+        clock: the coordinate that the declared time zero is added to. wet: rungs that need the medium's phase function.
     """
 
     name: str
@@ -71,3 +71,4 @@ class Model(Generic[LightT]):
     apart: tuple[str, ...] = ()
     instances: bool = False
     clock: str = ""
+    wet: tuple[str, ...] = ()

@@ -179,7 +179,7 @@ def _baseline(spec: MeasuredPulse | MeasuredGate, time: Float, value: Float, whe
     # The median of n samples errs by 1.25 σ/√n.
     if abs(float(np.median(tail)) - level) > 0.02 * peak + 5.0 * noise / np.sqrt(count) or noise > 0.2 * peak:
         raise InputError(
-            "The baseline cannot be told: the record differs between its beginning and its end, or is noise.",
+            "The baseline is unclear: the record differs between its beginning and its end, or is noise.",
             where=f"{where}.baseline", value=f"{level:.4g} at the beginning, {float(np.median(tail)):.4g} at the end",
             allowed="a level, or [from, to] without light, in the units of the file",
             next_step=f"for example baseline = [{time[0]:g}, {time[count - 1]:g}]",

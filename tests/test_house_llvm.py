@@ -109,3 +109,29 @@ def test_a_libllvm_that_is_too_old_is_refused_and_does_not_abort_later() -> None
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[1] == "True"
+
+
+@pytest.mark.parametrize("home", ["", "/nowhere"])
+def test_kernels_are_kept_where_there_is_no_home(tmp_path: Path, home: str) -> None:
+    """drjit would compile its kernels in each process, and say so; they are kept beside those of Numba."""
+    code = "import os; from beambench.generator.rays.backend import load; load(); print(os.environ['DRJIT_CACHE_DIR'])"
+    environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "DRJIT_CACHE_DIR")}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path)} | ({"HOME": home} if home else {})
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True, timeout=300
+    )
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path) and Path(done.stdout.strip()).is_dir()
+    assert "jit_init" not in done.stderr, done.stderr
+
+
+def test_a_home_keeps_its_own_kernels(tmp_path: Path) -> None:
+    code = (
+        "import os; from beambench.generator.rays.backend import load; load(); print(os.environ.get('DRJIT_CACHE_DIR'))"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "DRJIT_CACHE_DIR"} | {
+        "HOME": str(tmp_path)
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True, timeout=300
+    )
+    assert done.stdout.strip() == "None"

@@ -25,9 +25,9 @@ ORDER: dict[str, tuple[str, ...]] = {
         "reconstruction",
     ),
     "scenes": (
-        "readers", "rigs", "materials", "procedural", "shapes", "spec_files", "rig_files", "meshes", "textures", "scene",
-        "declared", "possible",
-        "load", "grown", "datasets",
+        "readers", "rigs", "materials", "procedural", "shapes", "spec_files", "mesh_surface", "meshes", "textures", "scene",
+        "declared", "possible", "whole", "measured",
+        "load", "rig_files", "grown", "datasets",
     ),
     "captures": (
         "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",

@@ -146,7 +146,7 @@ def test_noise_above_one_is_told(tmp_path: Path) -> None:
         ("1,2\n" * 9, {}, "should increase", "rig.laser.pulse.file"),
         ("1,2\n2,3\n", {}, "too few numbers", "rig.laser.pulse.file"),
         ("t,v\n" + "".join(f"{i},x\n" for i in range(9)), {}, "not numbers", "rig.laser.pulse.file"),
-        ("".join(f"{i},{i}\n" for i in range(30)), {}, "baseline cannot be told", "rig.laser.pulse.baseline"),
+        ("".join(f"{i},{i}\n" for i in range(30)), {}, "baseline is unclear", "rig.laser.pulse.baseline"),
         ("".join(f"{i},5\n" for i in range(30)), {}, "no light", "rig.laser.pulse"),
         ("".join(f"{i},{int(i == 9)}\n" for i in range(30)), {"value_column": 3}, "no such column", "rig.laser.pulse.file"),
         ("".join(f"{i},{int(i == 9)}\n" for i in range(30)), {"value_column": "v"}, "no such column", "rig.laser.pulse.file"),
@@ -166,7 +166,7 @@ def test_a_given_baseline_and_stretch_are_used(tmp_path: Path) -> None:
     """A record that begins within the light has no baseline of its own at both ends."""
     late = TIME > -0.2
     file = write(tmp_path / "p.csv", TIME[late], pulse_values(baseline=0.5)[late])
-    with pytest.raises(InputError, match="baseline cannot be told"):
+    with pytest.raises(InputError, match="baseline is unclear"):
         pulse_of(file)
     level, window = pulse_of(file, baseline=0.5), pulse_of(file, baseline=[4.0, 9.0])
     assert level.value == pytest.approx(window.value, abs=1e-5)

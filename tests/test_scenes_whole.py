@@ -11,6 +11,7 @@ import pytest
 import beambench
 from beambench import InputError
 from beambench.generator.generate import generate
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.kept import Kept
 from beambench.scenes.load import load_scene
 from beambench.scenes.meshes import shape_mesh
@@ -135,3 +136,29 @@ def test_kept_holds_the_last_few_small_files(tmp_path: Path) -> None:
     for name in ("a", "a", "b", "c", "a", "long", "long"):
         assert of(name) == (tmp_path / name).read_text()
     assert read == ["a", "b", "c", "a", "long", "long"]
+
+
+#: A scene of each modality in water, and the rungs that need its phase function.
+WET = {
+    "flat-wall": ("scatter", "full"),
+    "amcw": ("scatter", "auto"),
+    "counter": ("scatter", "auto"),
+    "spotscan-wall": ("scatter", "full", "auto"),
+}
+
+
+@pytest.mark.parametrize("name", WET)
+def test_a_plan_needs_the_phase_function_of_water(name: str) -> None:
+    """It was asked for after twenty seconds of generating; a rung that does not need it goes on without."""
+    cloudy = {"medium.scattering_per_m": 0.1, "medium.phase_function": None, "medium.water_type": None}
+    for rung in WET[name]:
+        with pytest.raises(InputError, match="phase function") as error:
+            beambench.generate(name, overrides=cloudy, fidelity=rung, plan=True)  # type: ignore[arg-type]
+        assert "fournier-forand" in error.value.allowed
+    assert beambench.generate(name, overrides=cloudy, fidelity="direct", plan=True).plan
+
+
+def test_a_preset_gives_way_to_a_declared_value() -> None:
+    """The stress of a wrong pitch was refused on a sensor that is given by its preset."""
+    scene = load_scene("gated-turbulence", {"declared": {"lenslets.pitch_m": 1.6e-4}})
+    assert declared_rig(scene)["lenslets"]["pitch_m"] == 1.6e-4

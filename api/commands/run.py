@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..console import print_lines
+from ..console import print_lines, print_table
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
@@ -42,9 +42,20 @@ def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
 def _run_text(result: RunResult, given: Arguments) -> None:
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
+    _print_tables(result.out)
     print_lines("", *closing_of(result.out), f"tables   {result.out / 'scores.csv'}")
     if result.report:
         print_lines(f"page     {result.report.resolve()}")
+
+
+def _print_tables(folder: Path) -> None:
+    """The errors of every estimator, one table for each quantity."""
+    from ..benchmarks.report.terminal_tables import terminal_tables
+    from ..benchmarks.scores.tables import read_scores
+
+    for title, heads, rows in terminal_tables(read_scores(folder)):
+        print_lines("", title)
+        print_table(heads, rows, right=heads[1:])
 
 
 def _run_code(result: RunResult) -> int:

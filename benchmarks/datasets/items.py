@@ -57,12 +57,15 @@ def _check_name(source: Any) -> None:
     """Refuse a name that is no scene's, and say what else it may be. Raises InputError."""
     from ...scenes.datasets.spec import list_datasets
     from ...scenes.load import list_scenes
+    from ...scenes.spec_files import LIBRARY, find_spec_file
     from ..suites.suite import list_suites
 
     known = {"scenes": list_scenes(), "suites": list_suites(), "data sets": list_datasets()}
     names = [name for some in known.values() for name in some]
     if not isinstance(source, str | Path) or Path(source).expanduser().is_file() or str(source) in names:
         return
+    if Path(source).suffix or "/" in str(source):  # a path, which nobody takes for a name
+        find_spec_file(str(source), LIBRARY, kind="scene", next_step="beambench scenes list")
     near = difflib.get_close_matches(str(source), names, n=3, cutoff=0.4)
     raise InputError(
         "There is no such scene, suite or data set.", where="source", value=str(source),

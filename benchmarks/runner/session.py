@@ -6,10 +6,11 @@ captures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from ...estimators.labels import links_of, split_label
 from ...scenes.machine import usable_cores
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
@@ -19,7 +20,7 @@ from .job import Job, Outcome
 from .process import Child
 from .removal import remove
 
-__all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions"]
+__all__ = ["Job", "Outcome", "Session", "run_jobs", "run_sessions", "waves"]
 
 
 def _nothing(job: Job) -> None:
@@ -135,6 +136,24 @@ class Session:
         return outcome
 
 
+def waves(labels: Sequence[str], width: int) -> Iterator[list[int]]:
+    """Places of labels in groups of up to `width`, in order, but no function twice in a group.
+
+    Children that start together would compile the same kernels, each for itself; those of a later group find them compiled. So
+    conditions and parameters of one estimator, and chains with a link in common, are in groups of their own.
+    """
+    left = [(n, {*links_of(split_label(label)[0])}) for n, label in enumerate(labels)]
+    while left:
+        group: list[int] = []
+        names: set[str] = set()
+        for n, links in left:
+            if len(group) < width and not names & links:
+                group.append(n)
+                names |= links
+        yield group
+        left = [one for one in left if one[0] not in group]
+
+
 def run_jobs(
     label: str,
     jobs: Sequence[Job],
@@ -151,15 +170,16 @@ def run_jobs(
 
 
 def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome], None]) -> None:
-    """Run sessions in groups, one per core: warm-ups in parallel, then timed calls one at a time.
+    """Run sessions in groups (`waves`), one per core: warm-ups in parallel, then timed calls one at a time.
 
     `on_outcome` is called with the number of the session and the outcome of each job.
     """
     from concurrent.futures import ThreadPoolExecutor
 
     width = usable_cores()
-    for first in range(0, len(sessions), width):
-        wave = [(n, session) for n, session in enumerate(sessions[first : first + width], first) if session.jobs]
+    asked = [n for n, session in enumerate(sessions) if session.jobs]
+    for numbers in waves([sessions[n].label for n in asked], width):
+        wave = [(asked[n], sessions[asked[n]]) for n in numbers]
         try:
             for _, session in wave:
                 session.start()

@@ -112,6 +112,11 @@ def read_scores(path: str | Path) -> pd.DataFrame:
                 next_step="beambench run quickstart",
             )
         path = found[0]
+    if not path.exists():
+        raise InputError(
+            "There is no such run.", where=str(path), allowed="the folder of a run, or its scores.csv or scores.parquet",
+            next_step="check the path; runs without --out lie in beambench-runs/",
+        )  # fmt: skip
     numbers = [name for name in COLUMNS if name not in _READ_AS_TEXT]
     try:
         if path.suffix == ".parquet":

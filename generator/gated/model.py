@@ -72,6 +72,7 @@ MODEL: Model[DirectScene] = Model(
     choose=_choose,
     check=_check,
     apart=("direct", "scatter", "full"),
+    wet=("scatter", "full"),
     instances=True,
     clock="delay",
 )

@@ -53,5 +53,6 @@ MODEL: Model[FrameLight] = Model(
     effects=_effects,
     choose=_choose,
     apart=("direct", "scatter"),
+    wet=("scatter", "full", "auto"),
     clock="time",
 )

@@ -47,5 +47,11 @@ def _effects(scene: Scene, expected: Expected[Footprint], rung: str) -> list[Eff
 
 
 MODEL: Model[Footprint] = Model(
-    "amcw", rungs=("direct", "scatter"), expect=_expect, read=_read, effects=_effects, choose=_choose
+    "amcw",
+    rungs=("direct", "scatter"),
+    expect=_expect,
+    read=_read,
+    effects=_effects,
+    choose=_choose,
+    wet=("scatter", "auto"),
 )

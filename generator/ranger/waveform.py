@@ -47,5 +47,12 @@ def _effects(scene: Scene, expected: Expected[Footprint], rung: str) -> list[Eff
 
 
 MODEL: Model[Footprint] = Model(
-    "waveform", rungs=("direct", "scatter"), expect=_expect, read=_read, effects=_effects, choose=_choose, clock="time"
+    "waveform",
+    rungs=("direct", "scatter"),
+    expect=_expect,
+    read=_read,
+    effects=_effects,
+    choose=_choose,
+    clock="time",
+    wet=("scatter", "auto"),
 )

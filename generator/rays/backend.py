@@ -10,9 +10,11 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
+from ...optics.jit import cache_folder
 from ...scenes.errors import InputError
 from ...scenes.forks import refuse_forked
 
@@ -52,6 +54,19 @@ def _point_drjit_to_llvm() -> str:
     return "wheel"
 
 
+def _keep_kernels() -> None:
+    """Let drjit keep its kernels where Numba's are kept if it cannot do so in the user's home: it would compile them in each
+    process, and say so on the terminal."""
+    home = os.environ.get("HOME", "")
+    own = os.path.join(home, ".drjit")
+    if os.environ.get("DRJIT_CACHE_DIR") or (home and os.access(own if os.path.isdir(own) else home, os.W_OK)):
+        return
+    folder = cache_folder() / "drjit"
+    with suppress(OSError):
+        folder.mkdir(exist_ok=True)
+        os.environ["DRJIT_CACHE_DIR"] = str(folder)
+
+
 def _mapped_llvm() -> str | None:
     """The libLLVM that this process has mapped (Linux), by the kernel's own account."""
     try:
@@ -77,6 +92,8 @@ def load() -> dict[str, Any]:
     """
     from importlib.metadata import version
 
+    if "drjit" not in sys.modules:
+        _keep_kernels()
     source = "imported-before" if "drjit" in sys.modules else _point_drjit_to_llvm()
     try:
         import drjit as dr

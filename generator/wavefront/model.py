@@ -54,6 +54,7 @@ def _effects(scene: Scene, expected: Expected[Sensed], rung: str) -> list[Effect
 MODEL: Model[Sensed] = Model(
     "wavefront",
     rungs=("geometric", "isolated", "coherent"),
+    wet=("geometric", "isolated", "coherent", "auto"),
     expect=_expect,
     read=_read,
     effects=_effects,

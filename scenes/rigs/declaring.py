@@ -29,7 +29,14 @@ def as_declared(scene: RigScene, kind: type[SpecT]) -> tuple[SpecT, Medium]:
 def _applied(data: dict[str, Any], path: str, value: Any, where: str) -> dict[str, Any]:
     """The data with one declared value. Raises InputError that names the table and how its paths begin."""
     try:
-        return apply_overrides(data, {path: value})
+        changed = apply_overrides(data, {path: value})
+        table: Any = changed
+        *folders, last = path.split(".")
+        for key in folders:
+            table = table[key] if isinstance(table, dict) else None
+        if isinstance(table, dict) and last != "preset":
+            table.pop("preset", None)  # its values stand in the table, and one of them is another now
+        return changed
     except InputError as error:
         near = error.next_step if error.next_step.startswith("did you mean") else ""
         start = f'write "{path.removeprefix("rig.")}"' if path.startswith("rig.") else near
