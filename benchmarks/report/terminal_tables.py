@@ -48,11 +48,11 @@ def _table(title: str, cells: list[Cell]) -> TerminalTable:
         labels.setdefault(cell.label, {})[cell.scene] = cell
     ordered = sorted(labels, key=lambda label: _standing(labels[label]))
     if len(scenes) > _MOST_SCENES:
-        rows = [(label, *_pooled(labels[label], len(scenes))) for label in ordered]
-        return TerminalTable(title, ("estimator", "error / bound (median)", "worst", "scenes"), rows)
+        pooled: list[tuple[str, ...]] = [(label, *_pooled(labels[label], len(scenes))) for label in ordered]
+        return TerminalTable(title, ("estimator", "error / bound (median)", "worst", "scenes"), pooled)
     factor, unit = unit_scale(cells[0])
     bounds = {cell.scene: cell.bound for cell in cells if cell.ok and cell.bound > 0}
-    rows = [("(bound)", *(number(bounds[s] * factor) if s in bounds else "–" for s in scenes))]
+    rows: list[tuple[str, ...]] = [("(bound)", *(number(bounds[s] * factor) if s in bounds else "–" for s in scenes))]
     rows += [(label, *(_figure(labels[label].get(scene), factor) for scene in scenes)) for label in ordered]
     return TerminalTable(title, ("estimator", *(f"{scene}, {unit}" for scene in scenes)), rows)
 

@@ -3,11 +3,11 @@
 n (rmse/bound)² of n independent Gaussian errors of an estimator at its bound follows χ²(n). A row is beyond its bound where
 bound²/rmse² exceeds both n/χ²(n) at a probability of 10⁻⁶ and a factor that depends on the kind of the bound: 1.2 for an exact
 one, for errors that are correlated; 4 (half the error) for one that holds approximately ("quasi"). Bounds on average over the
-window ("ziv-zakai", "bayes") condemn nobody: truth lies in a part of the window, where a row may err less, and who answers only what
-is sure beats the average of all without knowing the truth (`amcw-ml` at 15 µW: .02 m of the answered 70 %, 5.6 m on average over
-55 m). The rule needs neither full coverage nor an error without bias, as `efficiency` does, so
-that neither a few refusals nor a small offset hides a row. It cannot tell a smoother, which gives up resolution, from an
-estimator that knows the truth: both are shown with the reason, and people decide.
+window ("ziv-zakai", "bayes") condemn nobody: truth lies in a part of the window, where a row may err less, and who answers
+only what is sure beats the average of all without knowing the truth (`amcw-ml` at 15 µW: .02 m of the answered 70 %, 5.6 m on
+average over 55 m). The rule needs neither full coverage nor an error without bias, as `efficiency` does, so that neither a few
+refusals nor a small offset hides a row. It cannot tell a smoother, which gives up resolution, from an estimator that knows the
+truth: both are shown with the reason, and people decide.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ def _lines(half: xr.Dataset, frame: Frame) -> _Lines:
             value=f"{rows.size} rows with one line, {int(lit.sum())} sound frames with the laser on in a half",
             allowed=f"{_ROWS} rows and 2 frames, or more", next_step="record a rig at rest before one surface",
         )  # fmt: skip
-    place = np.rint(column[rows])[:, None] + np.arange(-reach, reach + 1)
+    place: Float = np.rint(column[rows])[:, None] + np.arange(-reach, reach + 1, dtype=np.float64)
     cells = counts[:, rows[:, None], place.astype(int)]
     beside = np.abs(np.arange(cols) - np.where(np.isfinite(column), column, -1e9)[:, None]) > 2.0 * reach
     beside &= np.isfinite(column)[:, None]

@@ -90,7 +90,8 @@ def _between(shape: tuple[int, ...], x: Float, y: Float, pitch: float) -> npt.ND
 
     row, col = np.indices(shape, dtype=np.float64)
     distance, _ = cKDTree(np.stack([x, y], axis=1)).query(np.stack([col.ravel(), row.ravel()], axis=1), k=3)
-    found = (distance[:, 0] > _BETWEEN * pitch) & (distance[:, 2] < _AMONG * pitch)
+    nearest = np.asarray(distance, np.float64)
+    found = (nearest[:, 0] > _BETWEEN * pitch) & (nearest[:, 2] < _AMONG * pitch)
     return np.asarray(found.reshape(shape))
 
 
