@@ -78,7 +78,9 @@ def losses(loaded: Loaded) -> Iterator[Loss]:
                     try:
                         readings.append((error, sign, wrongly_declared(cell.scene, wrong, hide_truth(capture))))
                     except InputError as told:  # e.g. an index below 1 in air: this sign has no figures
-                        why = f"{name}: {error} {sign * loaded.suite.mismatch[error]:+g} cannot be declared: {told.what}"
+                        why = (
+                            f"{name}: {error} {sign * loaded.suite.mismatch[error]:+g} cannot be declared: {told.what}"
+                        )
                         refused.setdefault((error, sign), why)
             for label in labels:
                 score = _scored(label, capture)
