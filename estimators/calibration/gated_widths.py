@@ -331,7 +331,7 @@ def _standing(still: Float, variance: Float, single: Mask) -> Float:
     low, middle, high = np.quantile(still[single], (0.159, 0.5, 0.841))
     scatter, noise = (0.5 * (high - low)) ** 2, float(np.median(variance[single]))
     share = 1.0 - min(noise / scatter, 1.0) if scatter > 0.0 else 0.0
-    return np.maximum(middle + share * (still - middle), 0.0)
+    return np.asarray(np.maximum(middle + share * (still - middle), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
