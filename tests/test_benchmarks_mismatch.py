@@ -19,6 +19,7 @@ from beambench.benchmarks.suites.mismatch import ERRORS, applies, mismatched
 from beambench.benchmarks.suites.suite import load_suite
 from beambench.captures.hide import hide_truth
 from beambench.generator.generate import generate
+from beambench.scenes.declared import declared_rig
 from beambench.scenes.load import load_scene
 
 C = 299792458.0
@@ -93,3 +94,17 @@ def test_tables_that_say_nothing_are_refused(change: dict[str, object]) -> None:
 def test_the_shipped_suite_loads() -> None:
     loaded = load_suite("mismatch")
     assert set(loaded.suite.mismatch) == set(ERRORS)
+
+
+def test_every_error_of_the_shipped_suite_can_be_declared() -> None:
+    """One sign at least of each error that applies: the pitch of a preset of lenslets could not be, and its rows held no number."""
+    loaded = load_suite("mismatch")
+    seen = set()
+    for _, scene in loaded.scenes:
+        for error in filter(lambda one: applies(one, scene), loaded.suite.mismatch):
+            declared = declared_rig(mismatched(scene, {error: loaded.suite.mismatch[error]}))
+            assert declared != declared_rig(scene), error
+            seen.add(error)
+    assert seen == set(ERRORS)
+    pitch = declared_rig(mismatched(load_scene("gated-turbulence"), {"pitch": 0.005}))["lenslets"]["pitch_m"]
+    assert pitch == pytest.approx(1.005 * declared_rig(load_scene("gated-turbulence"))["lenslets"]["pitch_m"])

@@ -44,12 +44,10 @@ def twin(
     Main arguments:
         real: Store of the recording.
         rig: Rig file with standard errors, as `beambench calibrate` writes it; by default the first half calibrates.
-        scene: What the rig looked at, name or file, whose rig is the start; by default one echo per pixel, fitted. Only gated
-            cameras can do without.
+        scene: What the rig looked at, name or file, whose rig is the start; by default one echo per pixel, fitted (gated only).
     Other arguments:
         index: Which capture of the store.
-        fidelity: Rung that renders the scene, the cheapest by default: "scatter" or "full" with what the water scatters;
-            "geometric", "isolated" or "coherent" of a lenslet camera.
+        fidelity: Rung that renders the scene, the cheapest by default: "scatter" or "full" with what the water scatters.
         draws: Simulated recordings; more narrow the intervals a little.
         estimator: Estimator whose place in the ranking is compared, repeatable; seven by default.
         tolerance: Tolerance of a clause in its unit, as NAME=VALUE, instead of its own.

@@ -98,8 +98,8 @@ def recordings(rounds: int, loss: float, side: int, estimator: str, seed: int, l
                 part.failed(f"round {number}: {problem.strip()}")
             else:
                 part.held()
-                said = ", ".join(f"{count} times {name}" for name, count in kills.items())
-                print(f"round {number} held: {said}", file=sys.stderr, flush=True)
+                counted = ", ".join(f"{count} times {name}" for name, count in kills.items())
+                print(f"round {number} held: {counted}", file=sys.stderr, flush=True)
             for name, count in kills.items():
                 part.notes[name] = part.notes.get(name, 0) + count
     return part

@@ -54,15 +54,15 @@ def check_mismatch(mismatch: Mapping[str, float], where: str) -> None:
 
 
 def applies(name: str, scene: Scene) -> bool:
-    """Whether a scene's rig can be declared wrong in this way."""
+    """Whether a scene's rig can be declared wrong in this way; what its estimators are not given cannot be."""
     role = ERRORS[name][1]
     if role and role not in rig_kind(scene.modality).roles:
         return False
     try:
-        stressed(scene, [(ERRORS[name][0], 1e-3 if name != "t0" else 1e-12)])
+        changed, *_ = stressed(scene, [(ERRORS[name][0], 1e-3 if name != "t0" else 1e-12)])
+        return declared_rig(changed) != declared_rig(scene)
     except InputError:
         return False
-    return True
 
 
 def mismatched(scene: Scene, mismatch: Mapping[str, float]) -> Scene:

@@ -73,4 +73,7 @@ def reading(read: Callable[[Path], Result], path: Path, what: str) -> Result:
         raise
     except BaseException as error:  # a damaged file may raise anything, a library's own panic too
         said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"The {what} file cannot be read.", where=str(path), value=said) from error
+        raise InputError(
+            f"The {what} file cannot be read.", where=str(path), value=said, allowed=f"a whole {what} file",
+            next_step="copy it again from the instrument, and compare the sizes of both files",
+        ) from error  # fmt: skip
