@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -187,7 +188,11 @@ def _command(error: CycloptsError) -> str:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    plain = " ".join(text.split())
+    unused = re.fullmatch(r"Unused Tokens: \[(.*)\]\.?", plain)
+    if unused:  # the library's own words name no remedy
+        return f"Nothing takes {unused[1]}. An option for several values is repeated: --seeds 1 --seeds 2."
+    return plain
 
 
 def _print_errors(*lines: str) -> int:

@@ -34,7 +34,7 @@ class Common:
 
 
 def whole(type_: Any, tokens: Sequence[Any]) -> Any:
-    """Whole numbers of an option, as cyclopts converts them: a list where it may be given more than once.
+    """Whole numbers of an option, as cyclopts converts them: a list where it may be given more than once, or as 1,2,3.
 
     A fraction is refused, not rounded: nobody would notice a seed or a budget other than the given one. Digits with an
     exponent (8e9) are accepted if they make a whole number.
@@ -42,8 +42,9 @@ def whole(type_: Any, tokens: Sequence[Any]) -> Any:
     Raises:
         ValueError: It is not a whole number; cyclopts turns this into its own error.
     """
-    numbers = [_whole(str(getattr(token, "value", token))) for token in tokens]
     several = any(get_origin(part) in (list, tuple, set) for part in (type_, *get_args(type_)))
+    texts = [str(getattr(token, "value", token)) for token in tokens]
+    numbers = [_whole(part) for text in texts for part in (text.split(",") if several else [text])]
     return numbers if several else numbers[0]
 
 

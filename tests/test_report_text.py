@@ -19,7 +19,6 @@ from beambench.benchmarks.report.front import mark_front
 from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
 from beambench.benchmarks.report.numbers import number, rate, time_text
 from beambench.benchmarks.report.pictures import DIVERGING, SEQUENTIAL, Picture, error_limit, lut, png, value_limits
-from beambench.benchmarks.report.terminal_tables import terminal_tables
 from beambench.benchmarks.report.text import closing_lines, rank, summary
 from beambench.benchmarks.scores.tables import read_scores
 from beambench.captures.layouts import LAYOUTS, layout_of
@@ -387,26 +386,3 @@ def test_without_times_nothing_is_said_of_speed_and_a_vast_multiple_has_no_digit
     lines, told = closing_lines(table), summary(table)
     assert "over a million x the exact bound" in lines[0]
     assert not any("CPU" in line or "fastest" in line or "–" in line for line in lines + told)
-
-
-def test_the_terminal_has_a_table_of_each_quantity(table: pd.DataFrame) -> None:
-    """Every estimator, a plug-in too, has a row; the bound stands first, then the smallest error over it."""
-    (shown,) = terminal_tables(table)
-    assert shown.title == "range, matched" and shown.heads[0] == "estimator"
-    assert all(head.endswith(", mm") for head in shown.heads[1:])
-    labels = [row[0] for row in shown.rows]
-    assert labels[:2] == ["(bound)", "poisson-ml"] and len(labels) == 7
-    assert all(len(row) == len(shown.heads) for row in shown.rows)
-    assert any("crash" in row for row in shown.rows), "a failure stands in its place"
-    assert any("%" in cell for row in shown.rows for cell in row[1:]), "coverage is told where it is not whole"
-
-
-def test_many_scenes_are_one_column() -> None:
-    rows = [
-        made_up.score_row(scene=f"s{i}", estimator=name, rmse_full=error * (i + 1), bound=0.01)
-        for i in range(8)
-        for name, error in (("mine", 0.02), ("peak", 0.05))
-    ]
-    (shown,) = terminal_tables(pd.DataFrame(rows))
-    assert [row[0] for row in shown.rows] == ["mine", "peak"]
-    assert shown.rows[0][1:] == ("10.0", "16.0", "8 of 8")

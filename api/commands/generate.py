@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table, size_text
 from .build import Arguments, View, command
+from .rungs import chosen_lines
 
 if TYPE_CHECKING:
     from ..benchmarks.datasets.generate import Generated
@@ -47,6 +48,8 @@ def _text(made: Generated, given: Arguments) -> None:
     for index, item in enumerate(made.comparison):
         print_lines(f"capture {index}: {item}")
     print_lines(*(f"captures {path}" for path in made.paths))
+    if given["fidelity"] == "auto" and made.made is None:
+        print_lines(*chosen_lines(made.paths))
     if made.made is not None:
         print_lines(f"next     beambench data card {made.made.path}")
 
