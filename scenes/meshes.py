@@ -209,7 +209,7 @@ def _mesh_file(shape: MeshFile, where: str) -> MeshArrays:
         vertices = vertices * (mesh.extent * scale)
         check_unit(shape, mesh.extent, where)
         if shape.origin == "file":
-            vertices = vertices + mesh.middle * scale
+            vertices = vertices + np.asarray(mesh.middle) * scale
     return vertices @ rotation_matrix(shape.rotation_deg).T + np.asarray(shape.center_m), mesh.faces
 
 
