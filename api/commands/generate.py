@@ -48,7 +48,7 @@ def _text(made: Generated, given: Arguments) -> None:
     for index, item in enumerate(made.comparison):
         print_lines(f"capture {index}: {item}")
     print_lines(*(f"captures {path}" for path in made.paths))
-    if given["fidelity"] == "auto" and made.made is None:
+    if given.get("fidelity") == "auto" and made.made is None:
         print_lines(*chosen_lines(made.paths))
     if made.made is not None:
         print_lines(f"next     beambench data card {made.made.path}")

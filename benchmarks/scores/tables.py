@@ -106,11 +106,9 @@ def read_scores(path: str | Path) -> pd.DataFrame:
         found = [path / name for name in ("scores.csv", "scores.parquet") if (path / name).is_file()]
         if not found:
             raise InputError(
-                "The folder contains no score table.",
-                where=str(path),
-                allowed="a folder with scores.csv or scores.parquet",
+                "The folder contains no score table.", where=str(path), allowed="a folder with scores.csv or scores.parquet",
                 next_step="beambench run quickstart",
-            )
+            )  # fmt: skip
         path = found[0]
     if not path.exists():
         raise InputError(

@@ -39,6 +39,7 @@ def wheel_files() -> dict[str, str]:
 
 def _point_drjit_to_llvm() -> str:
     """Set `DRJIT_LIBLLVM_PATH` unless the user did; returns "user", "wheel" or "system"."""
+    _keep_kernels()
     if os.environ.get("DRJIT_LIBLLVM_PATH"):
         return "user"
     files = wheel_files()
@@ -92,8 +93,6 @@ def load() -> dict[str, Any]:
     """
     from importlib.metadata import version
 
-    if "drjit" not in sys.modules:
-        _keep_kernels()
     source = "imported-before" if "drjit" in sys.modules else _point_drjit_to_llvm()
     try:
         import drjit as dr
