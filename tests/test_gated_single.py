@@ -11,7 +11,8 @@ import pytest
 from beambench.estimators.calibration.gated_delay_scan import delay_scan_values
 from beambench.estimators.calibration.gated_scan import DelayScan
 from beambench.estimators.calibration.gated_single import fit_one_echo
-from beambench.estimators.calibration.gated_widths import fit_response, lit_pixels, surveyed_delay
+from beambench.estimators.calibration.gated_survey import surveyed_delay
+from beambench.estimators.calibration.gated_widths import fit_response, lit_pixels
 from beambench.estimators.rig import DeclaredRig
 
 from ._delay_scans import SHAPE, delay_scan, erf_response

@@ -11,7 +11,8 @@ from beambench import InputError
 from beambench.estimators.calibration.gated_delay_scan import DELAY_SCAN, delay_scan_values
 from beambench.estimators.calibration.gated_noise import dark_statistics, noise_statistics
 from beambench.estimators.calibration.gated_scan import DelayScan, read_scan, scan_half
-from beambench.estimators.calibration.gated_widths import delays_before, fit_response, surveyed_delay, time_bound_s
+from beambench.estimators.calibration.gated_survey import surveyed_delay
+from beambench.estimators.calibration.gated_widths import delays_before, fit_response, time_bound_s
 
 from ._delay_scans import SHAPE, delay_scan, erf_response, scan_rig
 

@@ -16,7 +16,8 @@ from ...estimators.calibration.gated_delay_scan import ScanValues, delay_scan_va
 from ...estimators.calibration.gated_noise import dark_statistics, noise_statistics
 from ...estimators.calibration.gated_scan import DelayScan, read_scan, scan_half
 from ...estimators.calibration.gated_single import fit_one_echo
-from ...estimators.calibration.gated_widths import delays_before, fit_response, lit_pixels, surveyed_delay, time_bound_s
+from ...estimators.calibration.gated_survey import surveyed_delay
+from ...estimators.calibration.gated_widths import delays_before, fit_response, lit_pixels, time_bound_s
 from ...estimators.response import correlate_samples
 from ...estimators.rig import DeclaredRig
 from ...optics.constants import C_M_PER_S

@@ -27,7 +27,8 @@ from ...scenes.errors import InputError
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan, read_scan
 from .gated_single import fit_one_echo
-from .gated_widths import ResponseFit, delays_before, lit_pixels, surveyed_delay
+from .gated_survey import surveyed_delay
+from .gated_widths import ResponseFit, delays_before, lit_pixels
 from .procedure import Calibrated, Figure, Procedure
 
 __all__ = ["DELAY_SCAN", "ScanValues", "delay_scan_values", "known_range"]

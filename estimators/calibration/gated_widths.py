@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...optics.constants import C_M_PER_S
 from ...scenes.errors import InputError
 from ..response import Response, correlate_samples
 from ..rig import DeclaredRig, Samples
@@ -36,7 +35,6 @@ __all__ = [
     "fit_response",
     "lit_pixels",
     "response_profile",
-    "surveyed_delay",
     "time_bound_s",
 ]
 
@@ -110,33 +108,6 @@ def _response(rig: DeclaredRig, pulse: float, gate: float) -> Response:
     return correlate_samples(
         _stretched(rig.samples("pulse"), pulse), _stretched(rig.samples("gates.0"), gate), jitter_s=jitter
     )
-
-
-def surveyed_delay(scan: DelayScan, range_m: npt.ArrayLike) -> Float:
-    """Time of the echo of every pixel [s] of a target at known radial ranges (row, col): 2 n_g r/c, or the way by a laser
-    apart.
-
-    Raises:
-        InputError: ranges of another shape.
-    """
-    r = np.asarray(range_m, np.float64)
-    if r.shape != scan.shape:
-        raise InputError(
-            "The surveyed ranges do not fit the image.", where="truth_range", value=r.shape, allowed=str(scan.shape)
-        )
-    rig = scan.rig
-    laser = rig.numbers("laser.position_m", length=3)
-    path = 2.0 * r
-    if laser.any():
-        row, col = np.indices(scan.shape, dtype=np.float64)
-        focal = rig.number("camera.focal_length_m", above=0) / rig.number("camera.pixel_pitch_m", above=0)
-        ray = np.stack(
-            [(col - rig.number("camera.principal_col_px")) / focal,
-             (row - rig.number("camera.principal_row_px")) / focal, np.ones(scan.shape)], axis=-1,
-        )  # fmt: skip
-        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-        path = r + np.linalg.norm(r[..., None] * ray - laser, axis=-1)
-    return np.asarray((path * rig.number("medium.group_index", above=0) / C_M_PER_S).ravel())
 
 
 def fit_response(
