@@ -39,8 +39,7 @@ def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Flo
     Main arguments:
         tables: R of each gate; sigma_s: its σ; tau_s: arrival times [s].
 
-    `weight` is the largest V within half a σ (and a gate's delays over the image), and no less than a tenth, or than its own
-    largest where that is less.
+    `weight` is the largest V within half a σ (and a gate's delays over the image), and no less than a tenth of its own largest.
     """
     rig = gated_rig(scene)
     delays = rig.delays.after(rig.t0_s)
@@ -69,6 +68,6 @@ def slice_view(scene: Scene, tables: Sequence[Table], sigma_s: float, tau_s: Flo
     shown, weight = (np.interp(when, grid, v, left=0.0, right=0.0) / view.max() for v in (view, wide))
     if shown.max() < _NOTHING:
         return np.ones(shown.shape), np.ones(shown.shape)
-    # No more than what is seen best of this light: where all of it lies at the slices' far edge, a tenth of what they could see is
-    # more than they do see, and no number of rays would be enough.
-    return shown, np.maximum(weight, min(_LEAST, float(weight.max())))
+    # Of what is seen best of this light: where all of it lies at the slices' far edge, a tenth of what they could see is more than
+    # they do see, and no number of rays would be enough.
+    return shown, np.maximum(weight, _LEAST * float(weight.max()))
