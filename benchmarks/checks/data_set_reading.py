@@ -4,7 +4,7 @@
 
 Writes two stores of small captures, reads one array of up to 1,000 captures of the larger one by zarr itself and by the
 readers, in turn, and tells captures/s by processor time. Memory is the most that a process had which opened a store, read its
-index and streamed it once.
+index and streamed it once. Where PyTorch is installed, its `DataLoader` reads too: batches of eight by no worker, in this process.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 __all__ = ["main", "written"]
@@ -126,6 +127,8 @@ def _speeds(store: Path, count: int, rounds: int) -> dict[str, float]:
         "CaptureStream": streamed,
         "xarray": stacked,
     }
+    if find_spec("torch") is not None:
+        readers["DataLoader"] = _loaded(store, count)
     times: dict[str, list[float]] = {name: [] for name in readers}
     for _ in range(rounds):
         for name, read in readers.items():
@@ -135,6 +138,23 @@ def _speeds(store: Path, count: int, rounds: int) -> dict[str, float]:
     base = statistics.median(times.pop("zarr"))
     print(f"zarr: {count / base:.0f} captures/s of one processor")
     return {name: base / statistics.median(found) for name, found in times.items()}
+
+
+def _loaded(store: Path, count: int) -> Callable[[], None]:
+    """Reads so many captures by PyTorch's loader, in batches of eight tensors."""
+    import torch
+
+    from ...captures.readers import CaptureStream
+
+    torch.set_num_threads(1)
+
+    def read() -> None:
+        loader = torch.utils.data.DataLoader(CaptureStream(store, ["counts"], seed=2), batch_size=8)
+        for number, _ in enumerate(loader, 1):
+            if 8 * number >= count:
+                break
+
+    return read
 
 
 if __name__ == "__main__":
