@@ -89,7 +89,8 @@ def _between(shape: tuple[int, ...], x: Float, y: Float, pitch: float) -> npt.ND
     from scipy.spatial import cKDTree
 
     row, col = np.indices(shape, dtype=np.float64)
-    distance, _ = cKDTree(np.stack([x, y], axis=1)).query(np.stack([col.ravel(), row.ravel()], axis=1), k=3)
+    found_at = cKDTree(np.stack([x, y], axis=1)).query(np.stack([col.ravel(), row.ravel()], axis=1), k=3)
+    distance = np.asarray(found_at[0], np.float64)
     found = (distance[:, 0] > _BETWEEN * pitch) & (distance[:, 2] < _AMONG * pitch)
     return np.asarray(found.reshape(shape))
 
