@@ -89,15 +89,9 @@ def _between(shape: tuple[int, ...], x: Float, y: Float, pitch: float) -> npt.ND
     from scipy.spatial import cKDTree
 
     row, col = np.indices(shape, dtype=np.float64)
-<<<<<<< HEAD
-    distance, _ = cKDTree(np.stack([x, y], axis=1)).query(np.stack([col.ravel(), row.ravel()], axis=1), k=3)
-    nearest = np.asarray(distance, np.float64)
-    found = (nearest[:, 0] > _BETWEEN * pitch) & (nearest[:, 2] < _AMONG * pitch)
-=======
     found_at = cKDTree(np.stack([x, y], axis=1)).query(np.stack([col.ravel(), row.ravel()], axis=1), k=3)
     distance = np.asarray(found_at[0], np.float64)
     found = (distance[:, 0] > _BETWEEN * pitch) & (distance[:, 2] < _AMONG * pitch)
->>>>>>> 1d31932881d464f1c5e88ca42072aa26b412e4ab
     return np.asarray(found.reshape(shape))
 
 
