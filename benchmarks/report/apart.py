@@ -4,7 +4,7 @@ vl-convert holds Python's lock while it draws, and drawing is half of the page's
 
     python -m beambench.benchmarks.report.apart < job.json > answer.json
 
-The job is JSON: `specs`, finished charts; `scale`, of the PNG of the last. The answer: `svgs`, and `png` in base64.
+The job is JSON: `spec`, a finished chart; `scale`, of the PNG. The answer: `svg`, and `png` in base64.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import base64
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -23,20 +22,20 @@ __all__ = ["Apart", "main", "start"]
 
 @dataclass(frozen=True)
 class Apart:
-    """What the process made: drawings in the order of the specs, and the PNG of the last."""
+    """What the process made."""
 
-    svgs: list[str]
+    svg: str
     png: bytes
 
 
-def start(specs: Sequence[dict[str, Any]], *, scale: float) -> Future[Apart]:
+def start(spec: dict[str, Any], *, scale: float) -> Future[Apart]:
     """Start the process and return at once; `result()` waits for it.
 
     Main arguments:
-        specs: finished charts (`charts.finished`). scale: pixels of the PNG per unit of the drawing.
+        spec: a finished chart (`charts.finished`). scale: pixels of the PNG per unit of the drawing.
     `result()` raises RuntimeError with what the process wrote where it ends otherwise than well.
     """
-    job = json.dumps({"specs": list(specs), "scale": scale})
+    job = json.dumps({"spec": spec, "scale": scale})
     pool = ThreadPoolExecutor(1)
     made = pool.submit(_made, job)
     pool.shutdown(wait=False)
@@ -49,7 +48,7 @@ def _made(job: str) -> Apart:
     if done.returncode:
         raise RuntimeError(f"The drawing of the charts ended with {done.returncode}: {done.stderr.strip()[-2000:]}")
     answer = json.loads(done.stdout)
-    return Apart(answer["svgs"], base64.b64decode(answer["png"]))
+    return Apart(answer["svg"], base64.b64decode(answer["png"]))
 
 
 def main() -> int:
@@ -59,9 +58,9 @@ def main() -> int:
     from .charts import svg_of
 
     job = json.loads(sys.stdin.buffer.read())
-    svgs = [svg_of(spec) for spec in job["specs"]]
-    image: bytes = vlc.svg_to_png(svgs[-1], scale=job["scale"])
-    answer = {"svgs": svgs, "png": base64.b64encode(image).decode()}
+    svg = svg_of(job["spec"])
+    image: bytes = vlc.svg_to_png(svg, scale=job["scale"])
+    answer = {"svg": svg, "png": base64.b64encode(image).decode()}
     sys.stdout.buffer.write(json.dumps(answer).encode())
     return 0
 

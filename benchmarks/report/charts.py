@@ -20,7 +20,7 @@ from .styles import Style, styles_of
 
 __all__ = [
     "CHOSEN", "STILLS", "Spec", "chosen_opacity", "finished", "panel_title", "panels_of", "quantitative",
-    "speed_accuracy_spec", "still_specs", "svg_of",
+    "speed_accuracy_spec", "still_spec", "svg_of",
 ]  # fmt: skip
 
 FRONT, BOUND, DOUBT, GROUND = "#D55E00", "#8a8f98", "#b00020", "var(--card)"
@@ -30,7 +30,7 @@ VERDICT_MARKS = {"front": "◆ ", "undecided": "◇ ", SUSPECT: "⚠ "}
 CHOSEN = "chosen"
 
 
-#: Panels that the page shows without scripts; the file speed-accuracy.svg has all.
+#: Panels that the page shows without scripts, and those of speed-accuracy.png and .svg.
 STILLS = 12
 #: The grammar of the specs.
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.4.1.json"
@@ -200,19 +200,18 @@ def _log(values: list[float]) -> Spec:
     return {"scale": {"type": "log", "domain": [lo, hi], "nice": False}, "axis": axis}
 
 
-def still_specs(cells: list[Cell], styles: Mapping[str, Style]) -> list[Spec]:
-    """The finished speed-accuracy chart of all panels and, where there are more than `STILLS`, that of the first of them.
+def still_spec(cells: list[Cell], styles: Mapping[str, Style]) -> Spec:
+    """The finished speed-accuracy chart of the first `STILLS` panels.
 
-    Nobody reads a picture of ninety charts, and to draw its pixels takes longer than the rest of the page.
+    Nobody reads a picture of ninety charts, and to draw it takes longer than the rest of the page.
     """
     panels = panels_of(cells)
     size = {"width": WIDTH, "height": HEIGHT}
     charts = [
         _panel(group, page=False, styles=styles) | size | {"title": panel_title(panel, panels)}
-        for panel, group in panels.items()
+        for panel, group in list(panels.items())[:STILLS]
     ]
-    shown = [charts, charts[:STILLS]] if len(charts) > STILLS else [charts]
-    return [finished({"concat": some, "columns": 3}, page=False) for some in shown]
+    return finished({"concat": charts, "columns": 3}, page=False)
 
 
 def svg_of(spec: Spec) -> str:

@@ -19,7 +19,7 @@ from .above_bound import above_bound
 from .apart import Apart, start
 from .breakdown import page_section
 from .cell import Cell, common_noun
-from .charts import STILLS, VERDICT_MARKS, still_specs
+from .charts import STILLS, VERDICT_MARKS, still_spec
 from .data import base_cells, cells_of, read_run, seeds_of, unit_scale
 from .exports import EXPORTS, write_exports
 from .front import mark_front
@@ -68,7 +68,7 @@ def write_report(run_dir: str | Path) -> Path:
     costs = read_costs(folder)
     mark_front(base, costs, read_tiles(folder))
     styles = styles_of(c.label for c in ran)
-    apart = start(still_specs(base, styles), scale=2.0)
+    apart = start(still_spec(base, styles), scale=2.0)
     charts = charts_of(folder, base, cells, styles, _folder_name(folder))
     order = [r.label for r in rank(base)]
     suite = str(run.get("suite") or (table["suite"].iloc[0] if len(table) else "run"))
@@ -108,8 +108,8 @@ def write_report(run_dir: str | Path) -> Path:
 def _saved(drawn: Apart, folder: Path) -> str:
     """Write the drawings of the first chart into the folder; returns the SVG that the page shows without scripts."""
     write_atomic(folder / "speed-accuracy.png", lambda path: _write(path, drawn.png))
-    write_text(folder / "speed-accuracy.svg", drawn.svgs[0])
-    return drawn.svgs[-1]
+    write_text(folder / "speed-accuracy.svg", drawn.svg)
+    return drawn.svg
 
 
 def _write(path: Path, data: bytes) -> None:
