@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -140,10 +141,18 @@ def _fidelity(folder: Path, cells: list[Cell], name: str) -> dict[str, Any]:
 def _stress_suite(cells: list[Cell]) -> str:
     """The suite of stresses in the library that shares most estimators with the run, and reads captures of its modality."""
     labels, modality = {cell.label for cell in cells}, cells[0].modality if cells else ""
-    shared: dict[str, tuple[int, bool]] = {}
-    for path in sorted(_LIBRARY.glob("stress-*.toml")):
-        listed_there = tomllib.loads(path.read_text(encoding="utf-8")).get("estimators", [])
-        known = [first for label in listed_there if (first := links_of(split_label(label)[0])[0]) in BUILTIN]
-        same = bool(known) and get_estimator(known[0]).modality == modality
-        shared[path.stem] = len(labels & set(listed_there)), same
-    return max(shared, key=lambda suite: shared[suite], default="SUITE")
+    held = {
+        path.stem: tomllib.loads(path.read_text(encoding="utf-8")).get("estimators", [])
+        for path in sorted(_LIBRARY.glob("stress-*.toml"))
+    }
+    shared = {suite: len(labels & set(names)) for suite, names in held.items()}
+    best = [suite for suite in held if shared[suite] == max(shared.values())]
+    # To know the modality of an estimator is to import it: only ties are asked for it.
+    same = (suite for suite in best if len(best) > 1 and _reads(held[suite], modality))
+    return next(same, best[0] if best else "SUITE")
+
+
+def _reads(labels: Sequence[str], modality: str) -> bool:
+    """Whether the first built-in estimator of the labels reads captures of the modality."""
+    known = (first for label in labels if (first := links_of(split_label(label)[0])[0]) in BUILTIN)
+    return any(get_estimator(first).modality == modality for first in islice(known, 1))
