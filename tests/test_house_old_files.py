@@ -83,8 +83,8 @@ def test_a_suite_gives_the_rows_that_it_gave(old: Path, tmp_path: Path) -> None:
     for name in ACCURACY:
         if then[name].dtype.kind == "f":
             # A quantile is the error of a single pixel, which another maker's processor may round to its neighbour's count.
-            # An efficiency holds the square of the error, which may move by the 4 µm that are allowed to the error itself; its limits
-            # are quantiles of few draws. On a second processor they moved by .2 and .4 %.
+            # An efficiency holds the square of the error, which may move by the 4 µm that are allowed to the error itself; its
+            # limits are quantiles of few draws. On a second processor they moved by .2 and .4 %.
             rtol = 2e-2 if name == "p95" else 1e-2 if name.startswith("efficiency") else 1e-3
             np.testing.assert_allclose(now[name], then[name], rtol=rtol, atol=ROUNDED_M, err_msg=name)
         else:
