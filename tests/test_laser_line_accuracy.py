@@ -45,8 +45,8 @@ def test_a_step_is_answered_from_nothing_to_all() -> None:
 
 def test_a_frame_is_found_and_triangulated_within_20_argmax() -> None:
     """The cheapest exact chain at the large size: 9 to 12 times on two processors. The most precise one: 11 times on a quiet
-    machine, 17 and 18 beside busy processes, which slow argmax less. A small frame costs what a call costs: 16 times where argmax takes
-    40 µs, 44 to 55 where it takes 17 µs beside busy processes."""
+    machine, 17 and 18 beside busy processes, which slow argmax less. A small frame costs what a call costs: 16 times where
+    argmax takes 40 µs, 44 to 55 where it takes 17 µs beside busy processes."""
     small, large = against_argmax(((256, 192), (1024, 1280)), turns=8)
     assert large["cheapest"] < 20 * large["argmax"], large
     assert large["chain"] < 30 * large["argmax"], large
