@@ -159,7 +159,8 @@ def test_shapes_from_specs() -> None:
 
 def test_every_spec_has_its_shape() -> None:
     for name in specs.__all__:
-        if name not in ("Pulse", "Gate"):
+        # A measured curve is a sampled one by the time that a scene is loaded.
+        if name not in ("Pulse", "Gate", "MeasuredPulse", "MeasuredGate"):
             fields = set(getattr(specs, name).model_fields) - {"kind"}
             assert fields == set(getattr(w, name).__dataclass_fields__)
 
