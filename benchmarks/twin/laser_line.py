@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,19 @@ import xarray as xr
 from ...estimators.registry import run_estimator
 from ...scenes.errors import InputError
 from ..bounds.laser_line import laser_line_bounds
-from .clause import Ask, Curve, Evidence, TwinKind
+from .clause import Curve, TwinKind
 from .laser_line_clauses import CLAUSES
-from .rendered import Cells, Frame, Kit, measure_rendered, pixel_noise
+from .rendered import (
+    Cells,
+    Frame,
+    Kit,
+    check_length,
+    measure_rendered,
+    noise_bounds,
+    photon_transfer,
+    pixel_noise,
+    pooled_bound,
+)
 
 __all__ = ["MAIN", "TWIN"]
 
@@ -34,12 +45,7 @@ def _half(capture: xr.Dataset, number: int) -> xr.Dataset:
     """Every other frame with the laser, and every other one without."""
     lit = np.asarray(capture["laser_on"].values, bool)
     on, off = np.flatnonzero(lit), np.flatnonzero(~lit)
-    if on.size < 4:
-        raise InputError(
-            "The recording is too short to be split into two halves.", where="frame", value=int(on.size),
-            allowed="4 frames with the laser on, or more",
-            next_step="record more frames: one half gives the light, the other is judged",
-        )  # fmt: skip
+    check_length(on.size, "frame", "4 frames with the laser on, or more", least=4)
     keep = np.sort(np.concatenate([on[number : on.size // 2 * 2 : 2], off[number : off.size // 2 * 2 : 2]]))
     return capture.isel(frame=keep)
 
@@ -101,12 +107,9 @@ def _statistics(half: xr.Dataset, frame: Frame) -> tuple[dict[str, float], Cells
     light = mean.sum(axis=1)
     centre = (mean * lines.place).sum(axis=1) / light
     square = (mean * (lines.place - centre[:, None]) ** 2).sum() / light.sum()
-    # What a whole frame shares is no photon noise.
-    energy = lines.lit.sum(axis=(1, 2)) / mean.sum()
-    rest = (lines.lit - energy[:, None, None] * mean).var(axis=0, ddof=1)
     even = light / _lines(frame.half, frame).lit.mean(axis=0).sum(axis=1)
     found = {
-        "offset": offset, "read-noise": rms, "gain": float((mean * (rest - rms**2)).sum() / (mean**2).sum()),
+        "offset": offset, "read-noise": rms, "gain": photon_transfer(lines.lit, rms)[0],
         "width": math.sqrt(max(float(square), 0.0)), "evenness": float(even.std(ddof=1) / even.mean()),
         **_found(half, lines),
     }  # fmt: skip
@@ -119,7 +122,8 @@ def _found(half: xr.Dataset, lines: _Lines) -> dict[str, float]:
     answer = run_estimator(MAIN, half)
     valid = np.asarray(answer["valid"].values, bool)[lit][:, lines.rows, 0]
     column = np.where(valid, np.asarray(answer["column"].values, np.float64)[lit][:, lines.rows, 0], np.nan)
-    column = column[:, np.isfinite(column).all(axis=0)] - lines.column[np.isfinite(column).all(axis=0)]
+    always = np.isfinite(column).all(axis=0)
+    column = column[:, always] - lines.column[always]
     if column.shape[1] < _ROWS:
         return dict.fromkeys(("place", "shape", "precision"), math.nan)
     rows = column.mean(axis=0)
@@ -131,13 +135,10 @@ def _found(half: xr.Dataset, lines: _Lines) -> dict[str, float]:
 
 def _bounds(half: xr.Dataset, frame: Frame) -> dict[str, float]:
     lines = _lines(half, frame)
-    frames, pixels = lines.far.shape
-    rms = pixel_noise(lines.far)[1]
-    sigma = np.asarray(laser_line_bounds(frame.half)["column"].sigma, np.float64)
-    sigma = sigma[np.isfinite(sigma)]
-    bound = float(np.sqrt((sigma**2).mean())) if sigma.size else math.nan
+    bound = pooled_bound(laser_line_bounds(frame.half)["column"].sigma)
+    offset, noise = noise_bounds(lines.far)
     return {
-        "offset": rms / math.sqrt(frames * pixels), "read-noise": rms / math.sqrt(max(2.0 * pixels * (frames - 1), 1.0)),
+        "offset": offset, "read-noise": noise,
         "precision": bound, "place": bound / math.sqrt(lines.rows.size * len(lines.lit)),
     }  # fmt: skip
 
@@ -165,10 +166,4 @@ KIT = Kit(
     curve=_curve,
 )
 
-
-def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
-    """The evidence of a recording. Raises InputError as `measure_rendered`."""
-    return measure_rendered(capture, ask, KIT)
-
-
-TWIN = TwinKind(CLAUSES, measure)
+TWIN = TwinKind(CLAUSES, partial(measure_rendered, kit=KIT))

@@ -25,7 +25,10 @@ from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from .clause import Ask, Curve, Evidence
 
-__all__ = ["Cells", "Frame", "Kit", "RenderedTwin", "measure_rendered", "pixel_noise", "prepared", "residuals"]
+__all__ = [
+    "Cells", "Frame", "Kit", "RenderedTwin", "check_length", "every_other", "measure_rendered", "noise_bounds", "photon_transfer",
+    "pixel_noise", "pooled_bound", "prepared", "residuals",
+]  # fmt: skip
 
 Float = npt.NDArray[np.float64]
 
@@ -228,6 +231,47 @@ def pixel_noise(frames: Float) -> tuple[float, float]:
     """(mean, temporal rms) of samples (frame, …), DN; the rms is NaN of one frame."""
     rms = math.sqrt(float(frames.var(axis=0, ddof=1).mean())) if len(frames) > 1 and frames[0].size else math.nan
     return (float(frames.mean()) if frames.size else math.nan), rms
+
+
+def noise_bounds(frames: Float) -> tuple[float, float]:
+    """Least standard errors of the mean and of the temporal rms of samples (frame, sample), by that rms, DN."""
+    number, samples = frames.shape
+    rms = pixel_noise(frames)[1]
+    return rms / math.sqrt(number * samples), rms / math.sqrt(max(2.0 * samples * (number - 1), 1.0))
+
+
+def photon_transfer(light: Float, rms: float) -> tuple[float, Float]:
+    """(variance per mean [DN], relative energy of each frame) of light (frame, …) above the background; `rms` is the dark's.
+
+    What a whole frame shares, the energy of its pulse, is no photon noise.
+    """
+    mean = light.mean(axis=0)
+    energy = light.reshape(len(light), -1).sum(axis=1) / mean.sum()
+    rest = (light - energy.reshape(-1, *(1,) * mean.ndim) * mean).var(axis=0, ddof=1)
+    return float((mean * (rest - rms**2)).sum() / (mean**2).sum()), energy
+
+
+def pooled_bound(sigma: npt.ArrayLike) -> float:
+    """Root mean square of the finite ones; NaN without any."""
+    known = np.asarray(sigma, np.float64)
+    known = known[np.isfinite(known)]
+    return float(np.sqrt((known**2).mean())) if known.size else math.nan
+
+
+def check_length(found: int, name: str, allowed: str, *, least: int) -> None:
+    """Refuse a recording that two halves of make no sense of. Raises InputError."""
+    if found < least:
+        raise InputError(
+            "The recording is too short to be split into two halves.", where=name, value=int(found), allowed=allowed,
+            next_step=f"record more {name}s: one half gives the light, the other is judged",
+        )  # fmt: skip
+
+
+def every_other(capture: xr.Dataset, name: str, number: int, *, least: int) -> xr.Dataset:
+    """Half 0 or 1 of a capture along an axis: both span the same time. Raises InputError below `least`, an even number."""
+    size = capture.sizes[name]
+    check_length(size, name, f"{least} {name}s or more", least=least)
+    return capture.isel({name: slice(number, size // 2 * 2, 2)})
 
 
 def _about(capture: xr.Dataset, half: xr.Dataset, ask: Ask, kit: Kit) -> Sequence[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,18 @@ import xarray as xr
 from ...estimators.registry import run_estimator
 from ...scenes.errors import InputError
 from ..bounds.waveform import waveform_bound
-from .clause import Ask, Curve, Evidence, TwinKind
-from .rendered import Cells, Frame, Kit, measure_rendered, pixel_noise
+from .clause import Curve, TwinKind
+from .rendered import (
+    Cells,
+    Frame,
+    Kit,
+    every_other,
+    measure_rendered,
+    noise_bounds,
+    photon_transfer,
+    pixel_noise,
+    pooled_bound,
+)
 from .waveform_clauses import CLAUSES
 
 __all__ = ["MAIN", "TWIN"]
@@ -31,13 +42,7 @@ _LEAST = 8
 
 def _half(capture: xr.Dataset, number: int) -> xr.Dataset:
     """Every other shot, so that both halves span the same time."""
-    even = capture.sizes["shot"] // 2 * 2
-    if even < 6:
-        raise InputError(
-            "The recording is too short to be split into two halves.", where="shot", value=capture.sizes["shot"],
-            allowed="6 shots or more", next_step="record more shots: one half gives the light, the other is judged",
-        )  # fmt: skip
-    return capture.isel(shot=slice(number, even, 2))
+    return every_other(capture, "shot", number, least=6)
 
 
 def _records(half: xr.Dataset) -> Float:
@@ -92,15 +97,13 @@ def _statistics(half: xr.Dataset, frame: Frame) -> tuple[dict[str, float], Cells
     level = offset if seen else float(np.median(records))
     light = records[:, echo] - level
     mean = light.mean(axis=0)
-    energy = light.sum(axis=1) / mean.sum()
-    # What all samples of a shot share, the energy of its pulse, is no photon noise.
-    rest = (light - energy[:, None] * mean).var(axis=0, ddof=1)
+    gain, energy = photon_transfer(light, rms)
     step = float(np.diff(np.asarray(half["time"].values, np.float64)).mean())
     width, middle = _width(mean, step)
     noise = rms**2 * mean.size / float(mean.sum()) ** 2
     square = float(energy.var(ddof=1)) - noise
     found = {
-        "offset": offset, "noise": rms, "gain": float((mean * (rest - rms**2)).sum() / (mean**2).sum()),
+        "offset": offset, "noise": rms, "gain": gain,
         "fluctuation": math.copysign(math.sqrt(abs(square)), square), "pulse": width, "t0": middle,
         **_ranges(half, frame),
     }  # fmt: skip
@@ -124,15 +127,11 @@ def _ranges(half: xr.Dataset, frame: Frame) -> dict[str, float]:
 
 def _bounds(half: xr.Dataset, frame: Frame) -> dict[str, float]:
     records = _records(half)
-    before = int(_places(frame)[1].sum())
-    rms = pixel_noise(records[:, _places(frame)[1]])[1] if before >= _LEAST else math.nan
-    sigma = np.asarray(waveform_bound(frame.half).sigma, np.float64)
-    sigma = sigma[np.isfinite(sigma)]
-    bound = float(np.sqrt((sigma**2).mean())) if sigma.size else math.nan
-    shots = len(records)
+    before = _places(frame)[1]
+    offset, noise = noise_bounds(records[:, before]) if before.sum() >= _LEAST else (math.nan, math.nan)
+    bound = pooled_bound(waveform_bound(frame.half).sigma)
     return {
-        "offset": rms / math.sqrt(max(shots * before, 1)), "noise": rms / math.sqrt(max(2.0 * before * (shots - 1), 1.0)),
-        "precision": bound, "trueness": bound / math.sqrt(shots),
+        "offset": offset, "noise": noise, "precision": bound, "trueness": bound / math.sqrt(len(records)),
     }  # fmt: skip
 
 
@@ -163,10 +162,4 @@ KIT = Kit(
     curve=_curve,
 )  # fmt: skip
 
-
-def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
-    """The evidence of a recording. Raises InputError as `measure_rendered`."""
-    return measure_rendered(capture, ask, KIT)
-
-
-TWIN = TwinKind(CLAUSES, measure)
+TWIN = TwinKind(CLAUSES, partial(measure_rendered, kit=KIT))

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...scenes.errors import InputError
-from .clause import Ask, Curve, Evidence, TwinKind
-from .rendered import Cells, Frame, Kit, measure_rendered, pixel_noise
+from .clause import Curve, TwinKind
+from .rendered import Cells, Frame, Kit, every_other, measure_rendered, noise_bounds, pixel_noise
 from .wavefront_clauses import CLAUSES
 
 __all__ = ["TWIN"]
@@ -29,13 +30,7 @@ _LENSLETS, _PIXELS = 4, 64
 
 def _half(capture: xr.Dataset, number: int) -> xr.Dataset:
     """Every other frame; both halves share the reference."""
-    even = capture.sizes["frame"] // 2 * 2
-    if even < 4:
-        raise InputError(
-            "The recording is too short to be split into two halves.", where="frame", value=capture.sizes["frame"],
-            allowed="4 frames or more", next_step="record more frames: one half gives the light, the other is judged",
-        )  # fmt: skip
-    return capture.isel(frame=slice(number, even, 2))
+    return every_other(capture, "frame", number, least=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +128,8 @@ def _statistics(half: xr.Dataset, frame: Frame) -> tuple[dict[str, float], Cells
 
 
 def _bounds(half: xr.Dataset, frame: Frame) -> dict[str, float]:
-    spots = _spots(half)
-    frames, pixels = spots.dark.shape
-    rms = pixel_noise(spots.dark)[1]
-    return {
-        "offset": rms / math.sqrt(frames * pixels),
-        "read-noise": rms / math.sqrt(max(2.0 * pixels * (frames - 1), 1.0)),
-    }  # fmt: skip
+    offset, noise = noise_bounds(_spots(half).dark)
+    return {"offset": offset, "read-noise": noise}
 
 
 def _curve(real: Float, twin: Float, sigma: Float) -> Mapping[str, Curve]:
@@ -165,10 +155,4 @@ KIT = Kit(
     curve=_curve,
 )
 
-
-def measure(capture: xr.Dataset, ask: Ask) -> Evidence:
-    """The evidence of a recording. Raises InputError as `measure_rendered`."""
-    return measure_rendered(capture, ask, KIT)
-
-
-TWIN = TwinKind(CLAUSES, measure)
+TWIN = TwinKind(CLAUSES, partial(measure_rendered, kit=KIT))
