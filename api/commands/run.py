@@ -10,18 +10,20 @@ from ..console import print_lines, print_table
 from .build import Arguments, View, command
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..benchmarks.run import RunResult
 
 __all__ = ["REPORT", "RUN", "closing_of"]
 
 
-def closing_of(folder: str | Path) -> list[str]:
-    """The last lines of a run in the terminal."""
+def closing_of(folder: str | Path, scores: pd.DataFrame | None = None) -> list[str]:
+    """The last lines of a run in the terminal; `scores`: its table, where it was read already."""
     from ..benchmarks.report.ranking import read_pairs
     from ..benchmarks.report.text import closing_lines
     from ..benchmarks.scores.tables import read_scores
 
-    return closing_lines(read_scores(folder), read_pairs(Path(folder)))
+    return closing_lines(read_scores(folder) if scores is None else scores, read_pairs(Path(folder)))
 
 
 def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
@@ -40,20 +42,22 @@ def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
 
 
 def _run_text(result: RunResult, given: Arguments) -> None:
+    from ..benchmarks.scores.tables import read_scores
+
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    _print_tables(result.out)
-    print_lines("", *closing_of(result.out), f"tables   {result.out / 'scores.csv'}")
+    scores = read_scores(result.out)
+    _print_tables(scores)
+    print_lines("", *closing_of(result.out, scores), f"tables   {result.out / 'scores.csv'}")
     if result.report:
         print_lines(f"page     {result.report.resolve()}")
 
 
-def _print_tables(folder: Path) -> None:
+def _print_tables(scores: pd.DataFrame) -> None:
     """The errors of every estimator, one table for each quantity."""
     from ..benchmarks.report.terminal_tables import terminal_tables
-    from ..benchmarks.scores.tables import read_scores
 
-    for title, heads, rows in terminal_tables(read_scores(folder)):
+    for title, heads, rows in terminal_tables(scores):
         print_lines("", title)
         print_table(heads, rows, right=heads[1:])
 

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..folders.files import write_atomic
+from ..folders.files import write_bytes
 from ..report.charts import finished
 
 if TYPE_CHECKING:
@@ -24,11 +24,7 @@ def save_design(found: Designed, path: Path) -> None:
 
     chart = alt.vconcat(_bounds(found), _curve(found)).resolve_scale(color="independent")
     data = vlc.svg_to_png(vlc.vegalite_to_svg(finished(chart, page=False)), scale=2.0)
-    write_atomic(path, lambda file: _write(file, data))
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+    write_bytes(path, data)
 
 
 def _bounds(found: Designed) -> Any:

@@ -43,13 +43,18 @@ def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
         raise
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text, atomically; lone surrogates, which it does not have, as backslash escapes (which JSON reads again)."""
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write bytes, atomically."""
 
     def write(partial: Path) -> None:
-        partial.write_bytes(text.encode("utf-8", "backslashreplace"))
+        partial.write_bytes(data)
 
     write_atomic(path, write)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text, atomically; lone surrogates, which it does not have, as backslash escapes (which JSON reads again)."""
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..folders.files import write_atomic, write_text
+from ..folders.files import write_bytes, write_text
 from .charts import finished, svg_of
 from .numbers import rate
 from .styles import Style, styles_of
@@ -106,7 +106,7 @@ def save_maps(
         drawing = svg_of(spec)
         image: bytes = vlc.svg_to_png(drawing, scale=2.0)
         write_text(path, drawing)
-        write_atomic(path.with_suffix(".png"), lambda partial, image=image: _write(partial, image))  # type: ignore[misc]
+        write_bytes(path.with_suffix(".png"), image)
         written.append(path)
     return written
 
@@ -126,10 +126,6 @@ def _named(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         }
         for row in rows
     ]
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _pooled(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

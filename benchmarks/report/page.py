@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...estimators.labels import split_label
-from ..folders.files import write_atomic, write_text
+from ..folders.files import write_bytes, write_text
 from ..runner.costs import read_costs
 from ..runner.jail import NO_JAIL
 from ..scores.error_tiles import read_tiles
@@ -107,13 +107,9 @@ def write_report(run_dir: str | Path) -> Path:
 
 def _saved(drawn: Apart, folder: Path) -> str:
     """Write the drawings of the first chart into the folder; returns the SVG that the page shows without scripts."""
-    write_atomic(folder / "speed-accuracy.png", lambda path: _write(path, drawn.png))
+    write_bytes(folder / "speed-accuracy.png", drawn.png)
     write_text(folder / "speed-accuracy.svg", drawn.svg)
     return drawn.svg
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _only(words: list[str], otherwise: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ..folders.files import write_atomic
+from ..folders.files import write_bytes
 from ..laws.place import Place, Standing
 from .charts import finished
 from .layout import HEIGHT, log_domain, log_ticks, place_labels
@@ -75,7 +75,7 @@ def save_place(place: Place, label: str, path: Path) -> None:
         data = text.replace("<head>", f"<head>{_FIT}", 1).encode("utf-8")
     else:
         data = vlc.svg_to_png(vlc.vegalite_to_svg(spec), scale=2.0)
-    write_atomic(path, lambda file: _write(file, data))
+    write_bytes(path, data)
 
 
 def _layers(place: Place) -> list[Any]:
@@ -117,10 +117,6 @@ def _layers(place: Place) -> list[Any]:
         line = alt.Chart(alt.InlineData(values=[{"error": place.bound}]))
         layers.append(line.mark_rule(strokeDash=[4, 3], color="#64748b").encode(y="error:Q"))
     return layers
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _shown(place: Place) -> list[Standing]:

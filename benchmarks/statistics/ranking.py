@@ -144,35 +144,26 @@ def score_matrix(
                 next_step="rank estimators of one run, or run the missing cells with --resume",
             )  # fmt: skip
     scenes = sorted({str(key[0]) for key in wanted})
-    square, refused, n = (np.zeros((len(names), len(scenes))) for _ in range(3))
-    for i, name in enumerate(names):
-        for key, row in cells[name].items():
-            j, count = scenes.index(str(key[0])), float(row["n"])
-            square[i, j] += count * float(row["rmse_full"]) ** 2
-            refused[i, j] += count * (1.0 - float(row["coverage"]))
-            n[i, j] += count
-    captures = _captures(cells, names, scenes)
+    by_scene = [_of_scene(cells, names, scene) for scene in scenes]
+    square, n, refused = (np.stack([one[k].sum(axis=1) for one in by_scene], axis=1) for k in range(3))
+    alike = all(np.all(count == count[0]) for _, count, _ in by_scene)
+    captures = [(sums, count[0]) for sums, count, _ in by_scene] if alike else []
     return ScoreMatrix(names, scenes, np.sqrt(square / n), refused, n, captures)
 
 
-def _captures(
-    cells: Mapping[str, Mapping[tuple[Any, ...], dict[str, Any]]], names: Sequence[str], scenes: Sequence[str]
-) -> list[tuple[Float, Float]]:
-    """Per scene, sums of squared errors (estimator, seed) and counts (seed), pooled over levels."""
-    found = []
-    for scene in scenes:
-        keys = sorted((key for key in cells[names[0]] if str(key[0]) == scene), key=repr)
-        seeds = sorted({key[-1] for key in keys})
-        sums, n = np.zeros((2, len(names), len(seeds)))
-        for key in keys:
-            at = seeds.index(key[-1])
-            for i, name in enumerate(names):
-                row = cells[name][key]
-                n[i, at] += float(row["n"])
-                sums[i, at] += float(row["n"]) * float(row["rmse_full"]) ** 2
-        if not np.all(n == n[0]):
-            return []
-        found.append((sums, n[0]))
+def _of_scene(
+    cells: Mapping[str, Mapping[tuple[Any, ...], dict[str, Any]]], names: Sequence[str], scene: str
+) -> npt.NDArray[np.float64]:
+    """Sums of squared errors, counts and refused elements, (3, estimator, seed), pooled over levels."""
+    keys = [key for key in cells[names[0]] if str(key[0]) == scene]
+    seeds = {seed: at for at, seed in enumerate(sorted({key[-1] for key in keys}))}
+    found = np.zeros((3, len(names), len(seeds)))
+    for i, name in enumerate(names):
+        for key in sorted(keys, key=repr):
+            row = cells[name][key]
+            count = float(row["n"])
+            told = (count * float(row["rmse_full"]) ** 2, count, count * (1.0 - float(row["coverage"])))
+            found[:, i, seeds[key[-1]]] += told
     return found
 
 
