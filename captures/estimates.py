@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scenes.errors import InputError, reason
+from ..scenes.nearest import did_you_mean
 from .hdf5_input import Hdf5Input, hdf5_input
 from .layouts import layout_of, stage_of
 from .quantities import Stage, possible_sigma, possible_value
@@ -161,11 +162,10 @@ def list_estimates(source: Path) -> list[Path]:
     """
     if not source.exists():
         there = sorted(path.name for path in source.parent.glob("*")) if source.parent.is_dir() else []
-        near = [str(source.parent / name) for name in difflib.get_close_matches(source.name, there, n=3)]
         raise InputError(
             "There is no such file or folder of estimates.", where=str(source), value=source.name,
             allowed="a folder with .h5 files, or one such file",
-            next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimate DATA -e NAME",
+            next_step=did_you_mean(source.name, there, "beambench estimate DATA -e NAME", folder=source.parent),
         )  # fmt: skip
     files = sorted([*source.glob("*.h5"), *source.glob("*.hdf5")]) if source.is_dir() else [source]
     if not files or not files[0].is_file():

@@ -16,6 +16,7 @@ from ..captures.layouts import stage_of
 from ..captures.quantities import Stage
 from ..scenes.errors import InputError
 from ..scenes.forks import refuse_forked
+from ..scenes.nearest import did_you_mean
 from .builtin import BUILTIN, WITHHELD
 from .chain import chained_function, check_chain
 from .labels import LINK, check_parameters, format_label, links_of, parse_label
@@ -181,15 +182,12 @@ def get_estimator(name: str) -> Estimator:
             next_step=f"did you mean {ours}, which had this name before?",
         )  # fmt: skip
     if name not in targets:
-        import difflib
-
-        near = difflib.get_close_matches(name, targets, n=3)
         raise InputError(
             "There is no such estimator.",
             where="estimators",
             value=name,
             allowed=", ".join(sorted(targets)),
-            next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimators list",
+            next_step=did_you_mean(name, targets, "beambench estimators list"),
         )
     module, _, attribute = targets[name].partition(":")
     try:

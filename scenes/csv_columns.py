@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError, reason
+from .nearest import did_you_mean
 
 __all__ = ["read_columns"]
 
@@ -112,9 +111,8 @@ def _place(column: int | str, heading: list[str], count: int, where: str) -> int
         return column - 1
     if column in heading:
         return heading.index(column)
-    near: list[Any] = difflib.get_close_matches(column, heading, n=3)
     raise InputError(
         "The file has no such column.", where=where, value=column,
         allowed=", ".join(heading) or "a number: the file has no heading",
-        next_step=f"did you mean {' or '.join(near)}?" if near else "",
+        next_step=did_you_mean(column, heading),
     )  # fmt: skip

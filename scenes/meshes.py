@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from ..optics.rotation import rotation_matrix
 from .errors import InputError
 from .mesh_surface import METRES, MeshSurface, check_unit, read_surface
+from .nearest import did_you_mean
 from .npz import read_npy, read_npz
 from .procedural.build import procedural_mesh
 from .procedural.spec import Procedural
@@ -46,10 +46,9 @@ def resolve_file(name: str, where: str) -> Path:
     else:
         path = Path(name).expanduser()
     if not path.is_file():
-        near = difflib.get_close_matches(path.name, _names_in(path.parent), n=3)
         raise InputError(
             "There is no such file.", where=where, value=name, allowed="an existing mesh, grid or texture file",
-            next_step=f"did you mean {' or '.join(near)}?" if near else "",
+            next_step=did_you_mean(path.name, _names_in(path.parent)),
         )  # fmt: skip
     if path.stat().st_size > _MAX_FILE_BYTES:
         raise InputError("The file is too large.", where=where, value=path.stat().st_size, allowed="up to 2 GiB")

@@ -7,7 +7,6 @@ list may also be named: `target.wall.material.albedo`. Overrides are applied to 
 from __future__ import annotations
 
 import copy
-import difflib
 import json
 import math
 import re
@@ -17,6 +16,7 @@ from typing import Any
 
 from .errors import InputError
 from .json_keys import once
+from .nearest import did_you_mean
 
 __all__ = ["apply_overrides", "parse_assignments"]
 
@@ -142,13 +142,12 @@ def _step(node: Any, key: str, path: str) -> Any:
         return node[_index(node, key, path)]
     if isinstance(node, dict):
         if key not in node:
-            near = difflib.get_close_matches(key, list(node), n=3)
             raise InputError(
                 "An override's path leads nowhere.",
                 where=path,
                 value=key,
                 allowed=", ".join(sorted(map(str, node))),
-                next_step=f"did you mean {' or '.join(near)}?" if near else "",
+                next_step=did_you_mean(key, list(node)),
             )
         return node[key]
     raise _through(path, node)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+from .nearest import did_you_mean
 
 __all__ = ["lost_table", "near_keys", "unit_hint", "wanted"]
 
@@ -118,8 +119,8 @@ def near_keys(known: set[str], key: str) -> str:
             for name, factor in units:
                 if unit.lower() == name:
                     return f"; write {other}. {quantity} (1 {unit} is {factor:.6g})"
-    near = difflib.get_close_matches(key, sorted(known), n=3)
-    return f"; did you mean {' or '.join(near)}?" if near else ""
+    near = did_you_mean(key, sorted(known))
+    return f"; {near}" if near else ""
 
 
 def lost_table(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Any
 
 from .errors import InputError, reason
 from .json_keys import read_json
+from .nearest import did_you_mean
 from .toml_text import read_toml
 
 __all__ = ["LIBRARY", "find_spec_file", "read_spec_file"]
@@ -39,13 +39,12 @@ def find_spec_file(source: str, folder: Path, *, kind: str, next_step: str) -> P
     names = sorted(path.stem for path in folder.glob("*.toml"))
     if path.suffix or "/" in source:
         raise _no_file(path, source, kind)
-    near = difflib.get_close_matches(source, names, n=3, cutoff=0.4)
     raise InputError(
         f"There is no such {kind}.",
         where=kind,
         value=source,
         allowed="a path to a .toml or .json file, or one of: " + ", ".join(names),
-        next_step=f"did you mean {' or '.join(near)}?" if near else next_step,
+        next_step=did_you_mean(source, names, next_step, cutoff=0.4),
     )
 
 
@@ -58,11 +57,10 @@ def _no_file(path: Path, source: str, kind: str) -> InputError:
     folder = path.parent
     there = sorted(one.name for one in folder.glob("*.*ml")) if folder.is_dir() else []
     there += sorted(one.name for one in folder.glob("*.json")) if folder.is_dir() else []
-    near = [str(folder / name) for name in difflib.get_close_matches(path.name, there, n=3, cutoff=0.4)]
     step = "check the path" if folder.is_dir() else f"there is no folder {folder}"
     return InputError(
         "There is no such file.", where=kind, value=source, allowed=f"an existing .toml or .json file, or the name of a {kind}",
-        next_step=f"did you mean {' or '.join(near)}?" if near else step,
+        next_step=did_you_mean(path.name, there, step, cutoff=0.4, folder=folder),
     )  # fmt: skip
 
 

@@ -28,20 +28,18 @@ def write_new(
     Raises:
         InputError: a bad name, an unknown `like`, a name that does not end in .toml, or a file that exists.
     """
-    import difflib
-
     from ..benchmarks.folders.files import write_atomic
     from ..output import check_free
     from ..scenes.errors import InputError
+    from ..scenes.nearest import did_you_mean
     from ..scenes.new_files import begun_from, check_spec_name
     from ..scenes.places import local_path
 
     check_spec_name(name, kind)
     if like not in names:
-        near = difflib.get_close_matches(like, names, n=3, cutoff=0.4)
         raise InputError(
             f"There is no such {kind} to begin from.", where="like", value=like, allowed=", ".join(names),
-            next_step=f"did you mean {' or '.join(near)}?" if near else f"beambench {kind}s list",
+            next_step=did_you_mean(like, names, f"beambench {kind}s list", cutoff=0.4),
         )  # fmt: skip
     path = local_path(out if out is not None else f"{name}.toml")
     if path.suffix.lower() != ".toml":

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ...scenes.errors import InputError
+from ...scenes.nearest import did_you_mean
 
 if TYPE_CHECKING:
     from ...scenes.scene import Scene
@@ -66,11 +66,10 @@ def _check_name(source: Any) -> None:
         return
     if Path(source).suffix or "/" in str(source):  # a path, which nobody takes for a name
         find_spec_file(str(source), LIBRARY, kind="scene", next_step="beambench scenes list")
-    near = difflib.get_close_matches(str(source), names, n=3, cutoff=0.4)
     raise InputError(
         "There is no such scene, suite or data set.", where="source", value=str(source),
         allowed="; ".join(["a path to a .toml or .json file", *(f"{kind}: {', '.join(some)}" for kind, some in known.items())]),
-        next_step=f"did you mean {' or '.join(near)}?" if near else "beambench scenes list",
+        next_step=did_you_mean(str(source), names, "beambench scenes list", cutoff=0.4),
     )  # fmt: skip
 
 

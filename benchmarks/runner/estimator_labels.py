@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
+from ...scenes.nearest import did_you_mean
 
 __all__ = ["Chosen", "check_estimators", "missing_package"]
 
@@ -64,8 +65,6 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
             allowed="a list of name or name[key=value,...]",
             next_step=f"[{labels!r}]",
         )
-    import difflib
-
     from ...estimators import BUILTIN
     from ...estimators.chain import is_built_in
     from ...estimators.labels import check_parameters, format_label, links_of, parse_label, split_label
@@ -77,13 +76,12 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
         name, params = parse_label(label)
         links = links_of(name)
         if unknown := [link for link in links if link not in known]:
-            near = difflib.get_close_matches(unknown[0], sorted(known), n=3)
             raise InputError(
                 "There is no such estimator.",
                 where="estimators",
                 value=unknown[0],
                 allowed=", ".join(sorted(known)),
-                next_step=f"did you mean {' or '.join(near)}?" if near else "beambench estimators list",
+                next_step=did_you_mean(unknown[0], sorted(known), "beambench estimators list"),
             )
         if is_built_in(name):
             try:

@@ -7,12 +7,12 @@ A level of 1 on an axis that multiplies, and of 0 on one that adds, leaves the s
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from typing import Any
 
 from ...scenes.errors import InputError
 from ...scenes.load import load_scene
+from ...scenes.nearest import did_you_mean
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from .changes import Overrides
@@ -51,13 +51,12 @@ def axis_overrides(scene: Scene, axis: str, level: float) -> Overrides:
     if axis in AXES:
         return AXES[axis].overrides(scene, level)
     if "." not in axis:
-        near = difflib.get_close_matches(axis, sorted(AXES), n=3)
         raise InputError(
             "There is no such stress.",
             where="axis",
             value=axis,
             allowed="a path such as rig.detector.read_noise_e, or one of: " + ", ".join(sorted(AXES)),
-            next_step=f"did you mean {' or '.join(near)}?" if near else "",
+            next_step=did_you_mean(axis, sorted(AXES)),
         )
     held = _held(scene, axis)
     if isinstance(held, bool) or not isinstance(held, int | float | type(None)):

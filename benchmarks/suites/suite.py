@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ from typing import Any
 from ...scenes.datasets.spec import list_datasets
 from ...scenes.errors import InputError
 from ...scenes.load import anchored_overrides, list_scenes, load_scene
+from ...scenes.nearest import did_you_mean
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from ...scenes.spec_files import find_spec_file, read_spec_file
@@ -228,7 +228,6 @@ def _split(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]
         elif first in scene_keys:
             of_scenes[path] = value
         else:
-            near = difflib.get_close_matches(first, sorted(suite_keys | scene_keys), n=3)
             raise InputError(
                 "An override's path leads nowhere.",
                 where=path,
@@ -238,7 +237,7 @@ def _split(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]
                 + ") or of every scene ("
                 + ", ".join(sorted(scene_keys))
                 + ")",
-                next_step=f"did you mean {' or '.join(near)}?" if near else "",
+                next_step=did_you_mean(first, sorted(suite_keys | scene_keys)),
             )
     return of_suite, of_scenes
 
