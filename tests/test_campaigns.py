@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -147,3 +149,11 @@ def test_commands_that_are_stopped_are_finished(kind: str, long_run: None) -> No
     ]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_most_memory_is_the_process_s_own() -> None:
+    """A process inherits `ru_maxrss` from the one that starts it: a check in a test of 3 GB found 3 GB, and growth of none."""
+    large = np.ones(50_000_000)
+    code = "from beambench.benchmarks.checks.attempts import peak_memory\nprint(peak_memory())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert 1e6 < int(done.stdout) < large.nbytes / 2

@@ -19,11 +19,12 @@ _WATER = {
     "scattering_per_m": 0.04, "phase_function": {"kind": "henyey-greenstein", "g": 0.1},
 }  # fmt: skip
 _CODE = """
-import json, resource, sys
+import json, sys
+from beambench.benchmarks.checks.attempts import peak_memory
 from beambench.generator.generate import generate
 from beambench.scenes.load import load_scene
 generate(load_scene("flat-wall", json.loads(sys.argv[1])), seed=1, fidelity=sys.argv[2])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+print(peak_memory())
 """
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import resource
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+
+from ..runner.tree import memory_bytes
 
 __all__ = ["Attempts", "peak_memory", "print_attempts", "shares"]
 
@@ -53,8 +55,11 @@ class Attempts:
 
 
 def peak_memory() -> int:
-    """The most resident memory that this process had, in bytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    """The most resident memory that this process had since it was executed, in bytes.
+
+    `ru_maxrss` is not it: a process inherits there the peak of the one that started it, however large that was.
+    """
+    return memory_bytes(os.getpid(), "VmHWM")
 
 
 def shares(total: int, weights: Iterable[float]) -> list[int]:

@@ -25,14 +25,14 @@ __all__ = ["main", "written"]
 _LENGTH = 64
 
 _STREAM = """
-import resource, sys
+import sys
+from beambench.benchmarks.checks.attempts import peak_memory
 from beambench.captures.lazy import dataset
 from beambench.captures.readers import CaptureStream
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 total = sum(1 for sample in CaptureStream(sys.argv[1], ["counts", "truth_range"], part="train", seed=1))
 stacks = dataset(sys.argv[1], ["counts"], part="train")
 last = float(stacks["counts"].isel(capture=-1).mean())
-print(total, before, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(total, peak_memory())
 """
 
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         peaks = {count: _peak(store) for count, store in stores.items()}
         ratios = _speeds(stores[given.many], min(given.many, 1000), given.rounds)
     for count, peak in peaks.items():
-        print(f"{count} captures streamed: most memory {peak / 1024:.0f} MiB")
+        print(f"{count} captures streamed: most memory {peak / 2**20:.0f} MiB")
     growth = peaks[given.many] / peaks[given.few]
     print(
         f"memory {growth:.3f}; " + "; ".join(f"{name}: {ratio:.2f} of zarr's speed" for name, ratio in ratios.items())
@@ -88,7 +88,7 @@ def written(root: Path, count: int, side: int) -> Path:
 
 
 def _peak(store: Path) -> int:
-    """Most resident memory of a process that streams the store, KiB."""
+    """Most resident memory of a process that streams the store, bytes."""
     done = subprocess.run([sys.executable, "-c", _STREAM, str(store)], capture_output=True, text=True, check=True)
     return int(done.stdout.split()[-1])
 

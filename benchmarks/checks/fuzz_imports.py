@@ -8,7 +8,6 @@ COUNT files in all, 10,000 by default, take some minutes. Prints a line for each
 
 from __future__ import annotations
 
-import resource
 import struct
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import numpy.typing as npt
 
 from ...captures.imports.files import read_recording
 from ...scenes.errors import InputError
+from .attempts import peak_memory
 from .mutations import mutated
 
 __all__ = ["SAMPLES", "Outcome", "fuzzed", "main", "sample_trc"]
@@ -164,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print a line for each kind; 1 where a reader did anything but read or refuse."""
     arguments = [int(one) for one in (sys.argv[1:] if argv is None else argv)]
     count, seed = (*arguments, *(10_000, 1)[len(arguments) :])[:2]
-    before, wrong = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, 0
+    before, wrong = peak_memory(), 0
     for ending in SAMPLES:
         with tempfile.TemporaryDirectory() as folder:
             outcome = fuzzed(ending, -(-count // len(SAMPLES)), seed, Path(folder))
@@ -173,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{ending:6s} {outcome['read']:6d} read {outcome['refused']:6d} refused {outcome['wrong']:4d} wrong",
             *outcome.said[:3],
         )
-    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    grown = peak_memory() - before
     print(f"memory {grown / 2**20:.0f} MiB more")
     return int(wrong > 0 or grown > _MOST_BYTES)
 
