@@ -9,7 +9,7 @@ from typing import Any
 
 from ...captures.store.shard_chunks import blocks_of
 from ...captures.store.shard_index import index_content
-from ...captures.store.shard_manifest import listed, sharded_manifest
+from ...captures.store.shard_manifest import listed, sharded_groups, sharded_manifest
 from ...captures.store.shard_receipts import Held, Receipt
 
 __all__ = ["sizes_of_shard", "stored_bytes"]
@@ -31,7 +31,7 @@ def sizes_of_shard(receipt: Receipt, repeats: int) -> dict[str, float]:
     index = [_index([part]) for part in (one, receipt)]
     groups = [_index([part, part]) - size for part, size in zip((one, receipt), index, strict=True)]
     of_index = _slope(groups[1] - groups[0], len(receipt.captures) - 1, 0.0)
-    manifest, files = sharded_manifest([receipt], {}, {})
+    manifest, files = sharded_manifest(*sharded_groups([receipt]), {}, {})
     line = len(str(list(vars(listed(receipt, b"")).values()))) + 40
     table = 16 * sum(len(blocks_of(entry)) for entry in receipt.structure.values())
     return {

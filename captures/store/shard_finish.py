@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ from .journal import JOURNAL, fsync_path, write_file
 from .manifest import FORMAT, MANIFEST, MANIFEST_SUM, regular_size, sum_text
 from .ownership import REPAIR_MARK, TOKEN
 from .publish import exchange
-from .shard_index import index_content
-from .shard_manifest import DATASET, INDEX, ShardedManifest, sharded_manifest
+from .shard_index import IndexFile
+from .shard_manifest import DATASET, INDEX, ShardedManifest, sharded_groups, sharded_manifest
 from .shard_receipts import COPY, RECEIPTS, SHARDED_VERSION, Receipt, list_receipts, read_either
 
 __all__ = ["drop_temporary", "publish_sharded", "read_request", "request_bytes", "store_files", "write_request"]
@@ -55,21 +55,22 @@ def read_request(root: Path) -> dict[str, Any]:
     )  # fmt: skip
 
 
-def store_files(root: Path, receipts: Callable[[], Iterator[Receipt]]) -> tuple[ShardedManifest, dict[str, bytes]]:
+def store_files(root: Path, receipts: Iterable[Receipt]) -> tuple[ShardedManifest, dict[str, bytes]]:
     """The manifest, and every metadata file by its path, as they follow from the receipts and the request.
 
     Main arguments:
-        receipts: begins to read them anew each time.
+        receipts: of all shards; one is in memory at a time.
     """
     request = read_request(root)
-    index = index_content(receipts(), request.get("numbers", []), request.get("texts", []))
-    others = {INDEX: index, DATASET: request_bytes(request)}
+    index = IndexFile(request.get("numbers", []), request.get("texts", []))
     facts = {
         "dataset": request.get("name", ""),
         "identity": request.get("identity", ""),
         "asked": request.get("count", 0),
     }
-    manifest, files = sharded_manifest(receipts(), others, facts)
+    groups, shards = sharded_groups(index.passing(receipts))
+    others = {INDEX: index.content(), DATASET: request_bytes(request)}
+    manifest, files = sharded_manifest(groups, shards, others, facts)
     if not manifest.shards:
         raise InputError("There is no complete shard to store.", where=str(root))
     text = manifest.text().encode()
@@ -80,7 +81,7 @@ def store_files(root: Path, receipts: Callable[[], Iterator[Receipt]]) -> tuple[
 def publish_sharded(partial: Path, path: Path, *, overwrite: bool) -> ShardedManifest:
     """Give the shards of `partial` the final name `path`. Raises OSError, InputError."""
     places = list_receipts(partial)
-    manifest, files = store_files(partial, lambda: (read_either(partial, *place) for place in places))
+    manifest, files = store_files(partial, (read_either(partial, *place) for place in places))
     _drop_unlisted(partial, manifest)
     for name, content in files.items():
         write_file(partial / name, content)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from .shard_receipts import Held, Receipt
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["index_content", "index_rows", "read_index"]
+__all__ = ["IndexFile", "index_content", "index_rows", "read_index"]
 
 #: Columns that every row has, with their types; what was drawn follows, as `p.<name>`.
 _COLUMNS = {
@@ -39,24 +39,42 @@ def _row(receipt: Receipt, held: Held) -> dict[str, Any]:
 
 
 def index_content(receipts: Iterable[Receipt], numbers: Iterable[str], texts: Iterable[str]) -> bytes:
-    """The file.
+    """The file of these receipts. Arguments as of `IndexFile`."""
+    index = IndexFile(numbers, texts)
+    for _ in index.passing(receipts):
+        pass
+    return index.content()
+
+
+class IndexFile:
+    """The file, written while receipts pass, so that they are read once for it and for the manifest.
 
     Main arguments:
-        receipts: in their order; one is in memory at a time.
         numbers, texts: names of what was drawn, as numbers, and as JSON texts.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    schema = _schema([f"p.{name}" for name in numbers], [f"p.{name}" for name in texts])
-    kinds = {name: str(schema.field(name).type) for name in schema.names}
-    file = io.BytesIO()
-    with pq.ParquetWriter(file, schema, compression="zstd") as writer:
+    def __init__(self, numbers: Iterable[str], texts: Iterable[str]) -> None:
+        import pyarrow.parquet as pq
+
+        self._schema = _schema([f"p.{name}" for name in numbers], [f"p.{name}" for name in texts])
+        self._file = io.BytesIO()
+        self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
+
+    def passing(self, receipts: Iterable[Receipt]) -> Iterator[Receipt]:
+        """The same receipts in their order, one in memory at a time; their rows are written."""
+        import pyarrow as pa
+
+        kinds = {name: str(self._schema.field(name).type) for name in self._schema.names}
         for receipt in receipts:
             rows = [{name: _as(row.get(name), kind) for name, kind in kinds.items()} for row in index_rows(receipt)]
             if rows:
-                writer.write_table(pa.Table.from_pylist(rows, schema))
-    return file.getvalue()
+                self._writer.write_table(pa.Table.from_pylist(rows, self._schema))
+            yield receipt
+
+    def content(self) -> bytes:
+        """The file of what has passed; nothing may pass any more."""
+        self._writer.close()
+        return self._file.getvalue()
 
 
 def _schema(numbers: list[str], texts: list[str]) -> pa.Schema:

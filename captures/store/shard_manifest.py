@@ -26,8 +26,8 @@ from .shard_chunks import inner_shape
 from .shard_receipts import COPY, RECEIPTS, SHARDED_VERSION, Receipt, file_size, receipt_name
 
 __all__ = [
-    "DATASET", "INDEX", "Group", "Listed", "ShardedManifest", "is_sharded", "listed", "load_sharded", "sharded_manifest",
-    "sharded_metadata",
+    "DATASET", "INDEX", "Group", "Listed", "ShardedManifest", "is_sharded", "listed", "load_sharded", "sharded_groups",
+    "sharded_manifest", "sharded_metadata",
 ]  # fmt: skip
 
 #: What was asked for, and the table of all captures.
@@ -103,13 +103,8 @@ def listed(receipt: Receipt, content: bytes) -> Listed:
     return Listed(hashlib.sha256(content).hexdigest(), len(receipt.captures), receipt.content, sizes)
 
 
-def sharded_manifest(
-    receipts: Iterable[Receipt], others: Mapping[str, bytes], facts: Mapping[str, Any]
-) -> tuple[ShardedManifest, dict[str, bytes]]:
-    """The manifest of these receipts, and the content of every `zarr.json` by path.
-
-    Main arguments:
-        receipts: of all shards that hold a capture. others: further files that the manifest lists. facts: kept as they are.
+def sharded_groups(receipts: Iterable[Receipt]) -> tuple[dict[str, Group], dict[tuple[str, int], Listed]]:
+    """The groups of a store, and what its manifest says of each shard, by the receipts of all shards that hold a capture.
 
     Raises InputError: the receipts of a group disagree.
     """
@@ -126,9 +121,23 @@ def sharded_manifest(
             one.group, one.modality, one.structure, one.length, max(rows, known.rows if known else 0)
         )
         shards[one.group, one.shard] = listed(one, one.content_bytes())
+    return groups, dict(sorted(shards.items()))
+
+
+def sharded_manifest(
+    groups: dict[str, Group],
+    shards: dict[tuple[str, int], Listed],
+    others: Mapping[str, bytes],
+    facts: Mapping[str, Any],
+) -> tuple[ShardedManifest, dict[str, bytes]]:
+    """The manifest of a store, and the content of every `zarr.json` by path.
+
+    Main arguments:
+        groups, shards: as of `sharded_groups`. others: further files that the manifest lists. facts: kept as they are.
+    """
     files = sharded_metadata(groups)
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in {**files, **others}.items()}
-    return ShardedManifest(groups, dict(sorted(shards.items())), sums, facts=dict(facts)), files
+    return ShardedManifest(groups, shards, sums, facts=dict(facts)), files
 
 
 def sharded_metadata(groups: Mapping[str, Group]) -> dict[str, bytes]:

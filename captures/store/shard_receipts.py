@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import secrets
 import zlib
@@ -24,7 +25,7 @@ from .arrays import Structure
 from .journal import fsync_path, write_file
 from .layout import attributes_problem, structure_problem
 from .manifest import FORMAT, regular_size
-from .shard_chunks import EMPTY, blocks_of, index_bytes
+from .shard_chunks import EMPTY, grid_of, index_bytes
 
 __all__ = [
     "COPY", "RECEIPTS", "SHARDED_VERSION", "Chunk", "Held", "Receipt", "chunk_count", "content_of", "file_size", "list_receipts",
@@ -202,14 +203,16 @@ def _checked(body: Any, group: str, shard: int) -> Receipt:
         raise ValueError(f"{problem[0]}: {problem[1]}")
     if type(length) is not int or not 0 < length <= 2**20 or not isinstance(texts, dict):
         raise ValueError("it states no length, or no texts")
-    captures = [_held(one, structure, texts, length) for one in body["captures"]]
-    lost = [_held(one, structure, texts, length) for one in body.get("lost", [])]
+    counts = {name: math.prod(grid_of(entry)) for name, entry in structure.items()}
+    captures = [_held(one, counts, texts, length) for one in body["captures"]]
+    lost = [_held(one, counts, texts, length) for one in body.get("lost", [])]
     if len({one.row for one in (*captures, *lost)}) != len(captures) + len(lost):
         raise ValueError("two captures have one place")
     return Receipt(group, shard, str(body["modality"]), structure, length, captures, texts, str(body["job"]), lost)
 
 
-def _held(one: Any, structure: Structure, texts: dict[str, str], length: int) -> Held:
+def _held(one: Any, counts: dict[str, int], texts: dict[str, str], length: int) -> Held:
+    """One capture of a receipt; `counts`: how many chunks of each array it has. Raises ValueError, KeyError, TypeError."""
     index, row, content = one["index"], one["row"], one["content"]
     if type(index) is not int or not 0 <= index < 2**40 or type(row) is not int or not 0 <= row < length:
         raise ValueError("a capture has no possible number")
@@ -217,11 +220,11 @@ def _held(one: Any, structure: Structure, texts: dict[str, str], length: int) ->
         raise ValueError("a capture has no content id")
     if problem := attributes_problem(one["attrs"], texts):
         raise ValueError(problem)
-    if set(one["chunks"]) != set(structure):
+    if set(one["chunks"]) != set(counts):
         raise ValueError("a capture has chunks of other arrays")
     chunks = {name: [_chunk(mark) for mark in marks] for name, marks in one["chunks"].items()}
     for name, marks in chunks.items():
-        if len(marks) != len(blocks_of(structure[name])):
+        if len(marks) != counts[name]:
             raise ValueError(f"a capture has {len(marks)} chunks of {name}")
     return Held(index, row, one["attrs"], content, chunks, one["facts"])
 
@@ -243,7 +246,7 @@ def shards_of(root: Path) -> Iterator[Receipt]:
 
 def chunk_count(entry: dict[str, Any], length: int) -> int:
     """Chunks of a whole shard of an array."""
-    return length * len(blocks_of(entry))
+    return length * math.prod(grid_of(entry))
 
 
 def file_size(receipt: Receipt, name: str) -> int:
@@ -254,7 +257,7 @@ def file_size(receipt: Receipt, name: str) -> int:
 
 def shard_table(receipt: Receipt, name: str) -> bytes:
     """The table at the end of a shard's file, as it follows from the receipt."""
-    each = len(blocks_of(receipt.structure[name]))
+    each = math.prod(grid_of(receipt.structure[name]))
     table = [EMPTY] * (receipt.length * each)
     for one in receipt.captures:
         table[one.row * each : (one.row + 1) * each] = [(offset, size) for offset, size, _ in one.chunks[name]]

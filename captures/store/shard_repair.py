@@ -8,7 +8,7 @@ repair which was killed is finished by the next one.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -254,9 +254,5 @@ class _Shard:
 def _metadata(root: Path) -> list[str]:
     """Write all metadata that differ from what the receipts give."""
     places = list_receipts(root)
-
-    def receipts() -> Iterator[Receipt]:
-        return (read_either(root, *place) for place in places)
-
-    _, files = store_files(root, receipts)
+    _, files = store_files(root, (read_either(root, *place) for place in places))
     return write_changed(root, files)

@@ -70,7 +70,7 @@ def _which(root: Path) -> str:
     from .shard_finish import store_files
 
     places = list_receipts(root)
-    _, files = store_files(root, lambda: (read_either(root, *place) for place in places))
+    _, files = store_files(root, (read_either(root, *place) for place in places))
     path = root / MANIFEST
     same = regular_size(path) is not None and path.read_bytes() == files[MANIFEST]
     return MANIFEST_SUM if same else MANIFEST
