@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,8 @@ class Machines:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign and print its table. Returns 1 where an attempt failed."""
+    if find_spec("distributed") is None:
+        sys.exit("The campaign needs the extra `dask`: pip install 'beambench[dask]'")
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--workers", type=int, default=3)
     parser.add_argument("--every", type=float, default=10.0, help="time between two kills of a worker, s")
