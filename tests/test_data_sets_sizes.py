@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from beambench.benchmarks.datasets.outline import _pilot_of
+from beambench.benchmarks.datasets.outline import _in_one, _pilot_of
 from beambench.benchmarks.datasets.sizes import sizes_of_shard, stored_bytes
 from beambench.captures import finalize
 from beambench.captures.store.shard_finish import request_bytes
@@ -79,3 +79,9 @@ def test_captures_that_differ_in_noise_alone_cost_less_in_the_plan() -> None:
     told = {"structure": {}, "decoded": 1, "sizes": {"capture": 1.0, "table": 0.0}, "cpu_s": cpu_s, "warnings": []}
     assert _pilot_of("g", told, rows, 5).cpu_s == pytest.approx((1.0 + 4 * 0.1) / 5)
     assert _pilot_of("g", told | {"cpu_s": [2.0, 1.0, 1.0]}, [0, 1, 2], 1).cpu_s == pytest.approx(1.0)
+
+
+def test_warnings_that_differ_in_a_percentage_are_one() -> None:
+    """The plan of wavefront-10k told eight lines of one scene's scintillation, from 37% to 111%."""
+    told = {"a: left out, by 37%.", "a: left out, by 111%.", "a: left out, by 56%.", "b: by 5%.", "50% of c"}
+    assert _in_one(told) == ["50% of c", "a: left out, by 37% to 111%.", "b: by 5%."]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,8 @@ _PILOT, _WARM = 10, 2
 _WORKER_BYTES, _COPIES = 600 * 2**20, 12
 #: Processor time that a worker's start takes, s.
 _START_S = 4.0
+#: The end of a warning that tells the size of an effect.
+_SHARE = re.compile(r"(\d+)%\.$")
 
 
 @dataclass(frozen=True)
@@ -192,8 +195,18 @@ def outline(draws: Draws, out: Path, workers: int | None) -> dict[str, Any]:
         "distinct_scenes": scenes, "bytes": round(size), "free_bytes": free, "fits": size < free, "files": round(files),
         "workers": count, "threads": threads, "cpu_s": seconds + _START_S * count,
         "wall_s": seconds / count + _START_S,
-        "warnings": sorted({told for one in pilots.values() for told in one.warnings}),
+        "warnings": _in_one({told for one in pilots.values() for told in one.warnings}),
     }  # fmt: skip
+
+
+def _in_one(warnings: Iterable[str]) -> list[str]:
+    """Warnings of captures that differ in the percentage at their end alone as one, "by 37% to 111%."."""
+    shares: dict[str, list[int]] = {}
+    for told in warnings:
+        match = _SHARE.search(told)
+        shares.setdefault(told[: match.start()] if match else told, []).extend([int(match[1])] if match else [])
+    ends = {text: sorted({min(values), max(values)}) for text, values in shares.items() if values}
+    return [text + " to ".join(f"{end}%" for end in ends[text]) + "." if text in ends else text for text in sorted(shares)]
 
 
 def check_parts(draws: Draws) -> tuple[dict[str, int], int]:
