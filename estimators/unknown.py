@@ -22,7 +22,9 @@ def unknown_estimator(name: str, targets: Mapping[str, str]) -> InputError:
         "There is no such estimator.",
         where="estimators",
         value=name,
-        allowed=few_of_its_kind(nearest[0], targets) if nearest else f"one of the {len(targets)} names of `{ALL_NAMES}`",
+        allowed=few_of_its_kind(nearest[0], targets)
+        if nearest
+        else f"one of the {len(targets)} names of `{ALL_NAMES}`",
         next_step=f"{did_you_mean(name, targets)} All names: {ALL_NAMES}" if nearest else ALL_NAMES,
     )
 

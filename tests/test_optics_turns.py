@@ -30,9 +30,7 @@ def test_a_turn_is_of_one_process_at_a_time(tmp_path: Path) -> None:
     turn = Turn(tmp_path / "made" / "a.lock")
     assert turn.take()
     assert not turn.take()  # held here: no wait for oneself
-    with subprocess.Popen(
-        [sys.executable, "-c", _OTHER, str(turn.path)], stdout=subprocess.PIPE, text=True
-    ) as other:
+    with subprocess.Popen([sys.executable, "-c", _OTHER, str(turn.path)], stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "wait\n"
         assert other.poll() is None
