@@ -17,6 +17,7 @@ from .folders.record import machine
 from .judges.mismatch import wrongly_declared
 from .report.as_measured import as_measured
 from .report.picture_files import Place, picture_index, write_picture
+from .rungs import Rungs
 from .runner.costs import cost_row
 from .runner.estimator_labels import Chosen
 from .runner.protocol import content_id
@@ -76,6 +77,7 @@ class Measuring:
         self.inputs: list[dict[str, Any]] = []
         self._device = str(machine()["device_class"])
         self.warnings: list[str] = []
+        self.rungs = Rungs(loaded.suite.suite, loaded.own_rungs())
         self.failures: list[dict[str, str]] = []
         self.stages = dict.fromkeys(("generate", "store", "bound", "calibrate", "estimate"), 0.0)
         #: The estimators that read a scene, by its name.
@@ -103,6 +105,7 @@ class Measuring:
         from .judges.drawn import with_draws
 
         capture = self._capture(cell)
+        self.rungs.add(cell, capture)
         bounds = with_draws(
             self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
         )

@@ -41,7 +41,10 @@ _SPOOL_BYTES = 2 * 2**30
 
 @dataclass
 class RunResult:
-    """Result of a run: its folder, the rows of its table, the warnings, and the path of the page."""
+    """Result of a run: its folder, the rows of its table, the warnings, and the path of the page.
+
+    `rungs`: those that each scene was generated with (`Rungs.rows`); `advice`: what to type where a dearer one would matter, or "".
+    """
 
     out: Path
     rows: list[dict[str, Any]]
@@ -50,6 +53,8 @@ class RunResult:
     report: Path | None
     wall_s: float
     stages: dict[str, float] = field(default_factory=dict)
+    rungs: list[dict[str, Any]] = field(default_factory=list)
+    advice: str = ""
 
 
 def run_suite(
@@ -95,6 +100,7 @@ def run_suite(
     with workplace(folder, RUN, resume=resume, overwrite=overwrite, check=check) as work:
         journal = Journal(work, loaded.hash, **settings)
         run = Measuring(loaded, chosen, work, journal, progress, cells, ResultCache() if cache else None)
+        run.rungs.suite = str(suite) if isinstance(suite, str | Path) else loaded.suite.suite
         result = _run_in(
             work, run, cells, settings | {"overrides": dict(overrides or {}), "command": command or []}, report
         )
@@ -139,7 +145,8 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
         "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
         "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(), "isolation": isolation(),
         "warnings": run.warnings, "failures": run.failures,
-        "skipped": skips_of(rows), "answers_from_cache": run.cache.hits if run.cache is not None else 0,
+        "rungs": run.rungs.rows(), "advice": run.rungs.advice(), "skipped": skips_of(rows),
+        "answers_from_cache": run.cache.hits if run.cache is not None else 0,
     }  # fmt: skip
     write_json(folder / "run.json", record)
     page = None
@@ -154,4 +161,6 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
             folder / "run.json", record | {"stages_s": {name: round(value, 3) for name, value in run.stages.items()}}
         )
         progress("report", 1, 1, page.name)
-    return RunResult(folder, rows, run.warnings, run.failures, page, 0.0, run.stages)
+    return RunResult(
+        folder, rows, run.warnings, run.failures, page, 0.0, run.stages, run.rungs.rows(), run.rungs.advice()
+    )

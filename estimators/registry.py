@@ -4,7 +4,7 @@ the entry-point group ``beambench.estimators`` (name -> "module:function")."""
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint
@@ -16,15 +16,17 @@ from ..captures.layouts import stage_of
 from ..captures.quantities import Stage
 from ..scenes.errors import InputError
 from ..scenes.forks import refuse_forked
-from ..scenes.nearest import did_you_mean
 from .builtin import BUILTIN, WITHHELD
 from .chain import chained_function, check_chain
 from .labels import LINK, check_parameters, format_label, links_of, parse_label
 from .points import ENTRY_POINT_GROUP, plugin_points
 from .result import check_result
 from .rig import read_rig
+from .unknown import few_of_its_kind, unknown_estimator
 
-__all__ = ["ENTRY_POINT_GROUP", "Estimator", "estimator", "get_estimator", "list_estimators", "run_estimator"]
+__all__ = [
+    "ENTRY_POINT_GROUP", "Estimator", "estimator", "get_estimator", "list_estimators", "refuse_unknown", "run_estimator",
+]  # fmt: skip
 
 _MARK = "__beambench_estimator__"
 _F = TypeVar("_F", bound=Callable[..., xr.Dataset])
@@ -178,17 +180,11 @@ def get_estimator(name: str) -> Estimator:
     if name not in targets and name in WITHHELD:
         why, ours = WITHHELD[name]
         raise InputError(
-            why, where="estimators", value=name, allowed=", ".join(sorted(targets)),
+            why, where="estimators", value=name, allowed=few_of_its_kind(ours, targets),
             next_step=f"did you mean {ours}, which had this name before?",
         )  # fmt: skip
     if name not in targets:
-        raise InputError(
-            "There is no such estimator.",
-            where="estimators",
-            value=name,
-            allowed=", ".join(sorted(targets)),
-            next_step=did_you_mean(name, targets, "beambench estimators list"),
-        )
+        raise unknown_estimator(name, targets)
     module, _, attribute = targets[name].partition(":")
     try:
         function = getattr(importlib.import_module(module), attribute)
@@ -210,6 +206,14 @@ def _chain(links: tuple[Estimator, ...]) -> Estimator:
     name = LINK.join(link.name for link in links)
     joint = any(link.joint for link in links)
     return Estimator(name, links[-1].stage, cites, chained_function(links), needs, links, joint)
+
+
+def refuse_unknown(names: Iterable[str]) -> None:
+    """Raise InputError for the first of `names` that is no estimator's; nothing is imported."""
+    targets = _targets()
+    for name in names:
+        if name not in targets:
+            raise unknown_estimator(name, targets)
 
 
 def list_estimators(modality: str | None = None) -> tuple[str, ...]:

@@ -10,13 +10,25 @@ from ..scenes.scene import Scene
 from ..scenes.shapes import Rectangle, Sphere
 from .choice import Choice
 
-__all__ = ["Effect", "GenerationWarning", "effect", "interreflection", "no_light", "sized", "warn"]
+__all__ = [
+    "LEFT_OUT",
+    "WORTH_A_WARNING",
+    "Effect",
+    "GenerationWarning",
+    "effect",
+    "interreflection",
+    "no_light",
+    "sized",
+    "warn",
+]
 
 #: `name`, `modelled` by the rung, `predicted_relative_size` (or None), `basis` of the prediction.
 Effect = dict[str, Any]
 
 #: A neglected effect of more than this share of the signal is worth a warning.
-_WORTH_A_WARNING = 0.1
+WORTH_A_WARNING = 0.1
+#: What the warning of such an effect says.
+LEFT_OUT = "is left out by the rung"
 
 
 class GenerationWarning(UserWarning):
@@ -58,10 +70,10 @@ def no_light(scene: Scene, sample: str, window: str) -> str:
 def warn(scene: Scene, sentences: Sequence[str], effects: Sequence[Effect], rung: str) -> None:
     """Warn whoever called `generate` of `sentences`, and of effects that the rung leaves out and that are not small."""
     missing = [
-        f"{scene.name}: {line['name']} is left out by the rung '{rung}' and is predicted to change the signal by "
+        f"{scene.name}: {line['name']} {LEFT_OUT} '{rung}' and is predicted to change the signal by "
         f"{line['predicted_relative_size']:.0%}."
         for line in effects
-        if not line["modelled"] and (line["predicted_relative_size"] or 0.0) > _WORTH_A_WARNING
+        if not line["modelled"] and (line["predicted_relative_size"] or 0.0) > WORTH_A_WARNING
     ]
     for sentence in [*sentences, *missing]:
         warnings.warn(sentence, GenerationWarning, stacklevel=4)

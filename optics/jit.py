@@ -5,7 +5,8 @@ is stale, silently. The cache is therefore kept in a folder named by the hash of
 kernel, and any edit of these uses a new folder. Where that cannot be written, a temporary folder is used.
 
 Numba trusts what its cache holds. Here every file ends in the SHA-256 of its content, and one that a power cut, a full disk
-or a bad sector has damaged is compiled anew.
+or a bad sector has damaged is compiled anew. Of processes that need the same function at once, one compiles it, and the others wait
+for it (`turns`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from .turns import Turn
 
 if TYPE_CHECKING:
     prange = range
@@ -105,11 +108,39 @@ def kernel(*args: Any, **options: Any) -> Any:
 
 
 def _checked(dispatcher: Any) -> Any:
-    """A compiled function whose files in the cache are checked before they are used."""
-    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if file is not None:
+    """A compiled function whose files in the cache are checked before they are used, and written by one process at a time."""
+    cache = getattr(dispatcher, "_cache", None)
+    file = getattr(cache, "_cache_file", None)
+    if cache is not None and file is not None:
         file.__class__ = _checked_file()
+        cache.__class__ = _cache_in_turn()
+        cache.turn = Turn(Path(cache.cache_path) / "turns" / f"{cache._impl.filename_base}.lock")
     return dispatcher
+
+
+@lru_cache(maxsize=1)
+def _cache_in_turn() -> type:
+    """Numba's cache of a function, where a process that misses a signature first waits for one that compiles it already."""
+    from numba.core.caching import FunctionCache
+
+    class CacheInTurn(FunctionCache):
+        turn: Turn
+
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is None and self.turn.take():
+                found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+                if found is not None:
+                    self.turn.end()
+            return found
+
+        def save_overload(self, sig: Any, data: Any) -> None:
+            try:
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+            finally:
+                self.turn.end()
+
+    return CacheInTurn
 
 
 @lru_cache(maxsize=1)

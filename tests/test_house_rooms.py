@@ -20,8 +20,8 @@ from ._imports import FLOORS, circles, files_of, graph_of, imports_of
 #: rooms to its left. Files that are not named here stand left of all rooms and import none of them.
 ORDER: dict[str, tuple[str, ...]] = {
     "optics": (
-        "constants", "jit", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry", "illumination",
-        "reflection", "ladar", "likelihood", "pile_up", "time_of_flight", "zernike", "turbulence", "lenslets",
+        "constants", "turns", "jit", "copying", "correlation", "accuracy", "water", "ambient", "amcw", "colorimetry",
+        "illumination", "reflection", "ladar", "likelihood", "pile_up", "time_of_flight", "zernike", "turbulence", "lenslets",
         "reconstruction",
     ),
     "scenes": (
@@ -44,7 +44,8 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "looks", "datasets",
-        "card", "design", "search", "peers", "fidelity", "measure", "run", "gate", "twin", "checks", "reproduce",
+        "card", "design", "search", "peers", "fidelity", "rungs", "measure", "run", "gate", "twin", "checks",
+        "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),
 }  # fmt: skip

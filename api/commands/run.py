@@ -34,6 +34,8 @@ def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
         "report": str(result.report) if result.report else None,
         "rows": len(result.rows),
         "closing": closing_of(result.out),
+        "rungs": result.rungs,
+        "advice": result.advice,
         "warnings": result.warnings,
         "failures": result.failures,
         "skipped": skips_of(result.rows),
@@ -42,10 +44,16 @@ def _run_json(result: RunResult, given: Arguments) -> dict[str, Any]:
 
 
 def _run_text(result: RunResult, given: Arguments) -> None:
+    from ..benchmarks.rungs import rung_lines
     from ..benchmarks.scores.tables import read_scores
+    from ..generator.effect import LEFT_OUT
 
     for warning in result.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        if not (result.advice and LEFT_OUT in warning):  # one line of advice stands for all of these
+            print(f"warning: {warning}", file=sys.stderr)
+    if result.advice:
+        print(f"advice: {result.advice}", file=sys.stderr)
+    print_lines(*(f"rung     {line}" for line in rung_lines(result.rungs)))
     scores = read_scores(result.out)
     _print_tables(scores)
     print_lines("", *closing_of(result.out, scores), f"tables   {result.out / 'scores.csv'}")

@@ -18,6 +18,7 @@ from ..scores.tables import read_scores
 from .above_bound import above_bound
 from .apart import Apart, start
 from .breakdown import page_section
+from .bundled import chart_library
 from .cell import Cell, common_noun
 from .charts import STILLS, VERDICT_MARKS, still_spec
 from .data import base_cells, cells_of, read_run, seeds_of, unit_scale
@@ -160,7 +161,6 @@ def _provenance(run: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _render(apart: Future[Apart], folder: Path, **content: Any) -> str:
     """The page; waits for the drawings, and writes their files."""
-    import vl_convert as vlc
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -174,7 +174,7 @@ def _render(apart: Future[Apart], folder: Path, **content: Any) -> str:
     trusted = {
         "css": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
         "script": "\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in _SCRIPTS),
-        "vega": vlc.javascript_bundle(_EXPORTS).replace("</script", "<\\/script"),
+        "vega": chart_library(_EXPORTS).replace("</script", "<\\/script"),
     }
     return environment.get_template("report.html.j2").render(
         chart_svg=_saved(apart.result(), folder), **content, **trusted

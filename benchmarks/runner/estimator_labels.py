@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from ...scenes.nearest import did_you_mean
 
 __all__ = ["Chosen", "check_estimators", "missing_package"]
 
@@ -68,21 +67,13 @@ def check_estimators(labels: Iterable[str], *, beside: str | Path | Mapping[str,
     from ...estimators import BUILTIN
     from ...estimators.chain import is_built_in
     from ...estimators.labels import check_parameters, format_label, links_of, parse_label, split_label
-    from ...estimators.registry import get_estimator, list_estimators
+    from ...estimators.registry import get_estimator, refuse_unknown
 
-    known = set(list_estimators())
     chosen: list[Chosen] = []
     for label in labels:
         name, params = parse_label(label)
         links = links_of(name)
-        if unknown := [link for link in links if link not in known]:
-            raise InputError(
-                "There is no such estimator.",
-                where="estimators",
-                value=unknown[0],
-                allowed=", ".join(sorted(known)),
-                next_step=did_you_mean(unknown[0], sorted(known), "beambench estimators list"),
-            )
+        refuse_unknown(links)
         if is_built_in(name):
             try:
                 check_parameters(get_estimator(name).function, params, where=name)

@@ -72,6 +72,11 @@ class Loaded:
         """The rung of a scene, by its name in the suite: its entry's, or the suite's."""
         return self._entry(name).fidelity or self.suite.fidelity
 
+    def own_rungs(self) -> dict[str, int]:
+        """The place of every entry of `scenes` that has a rung of its own, by the scene's name in the suite."""
+        entries = zip(self.scenes, self.suite.scenes, strict=True)
+        return {name: place for place, ((name, _), entry) in enumerate(entries) if entry.fidelity is not None}
+
     def _entry(self, name: str) -> SceneEntry:
         """The entry of a scene, by its name in the suite."""
         entries = zip(self.scenes, self.suite.scenes, strict=True)

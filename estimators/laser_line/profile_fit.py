@@ -14,6 +14,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ...optics.copying import copy_into
 from ...optics.jit import kernel
 from .profile_model import normal_table, profile
 
@@ -116,7 +117,7 @@ def _minimise(z, floor, weighted, free_width, held, steps, table, p, q, work, ed
         new = _misfit(z, trial[0], work[0]) + held * (q[3] - first) ** 2
         if new <= cost * (1.0 + 1e-9):
             still = abs(q[0] - p[0]) < 1e-4 and abs(q[3] - p[3]) < 1e-2
-            p[:] = q
+            copy_into(p, q)
             best, trial = trial, best
             # A step that gains much less than it should overshoots: Gauss-Newton would go to and fro across the minimum.
             ratio = (cost - new) / expected if expected > 0.0 else 1.0
@@ -130,7 +131,8 @@ def _minimise(z, floor, weighted, free_width, held, steps, table, p, q, work, ed
             if damping > 1e12:
                 done = True
                 break
-    work[1:5] = best.copy()
+    for a in range(4):
+        copy_into(work[1 + a], best[a])
     return done and p[1] > 0.0
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ...optics.copying import copy_into
 from ...optics.jit import kernel
 
 __all__ = ["scan_rows"]
@@ -71,7 +72,7 @@ def _scan(counts, half, step, top, dead, whole, peak, window, median, sound):  #
         if size and whole:
             median[i], guess = _whole_median(some[:size], guess, low, high)
         elif size:
-            real[:size] = some[:size]
+            copy_into(real, some[:size])
             median[i] = np.median(real[:size])
         for k in range(peak.shape[1]):
             at = _highest(row, high, top, dead, plain and k == 0, half, peak[i, :k])

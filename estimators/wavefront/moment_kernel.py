@@ -108,7 +108,9 @@ def _sums(above, cols, place, half, far, dead, top, out, corner):  # type: ignor
                 if abs(begin + j - px) > far:
                     light, clear = light + a[7, j], clear + a[8, j]
         size = float(max(right - left + 1, 0)), float(max(last - first + 1, 0))
-        out[lenslet] = (s0, s1, s2, s3, s4, s5, s6, s7, peak, bad, size[0], size[1], left - px, first - py)
+        own = out[lenslet]
+        own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7] = s0, s1, s2, s3, s4, s5, s6, s7
+        own[8], own[9], own[10], own[11], own[12], own[13] = peak, bad, size[0], size[1], left - px, first - py
         corner[lenslet] = light / clear if clear > 0.0 else np.nan
 
 

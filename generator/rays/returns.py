@@ -88,7 +88,9 @@ def _order(pixels, pixel, amplitude, tau):  # type: ignore[no-untyped-def]
         begin, end = start[p], start[p + 1]
         if end - begin > 48:
             own = order[begin:end].copy()
-            order[begin:end] = own[np.argsort(tau[own], kind="mergesort")]
+            sorting = np.argsort(tau[own], kind="mergesort")
+            for a in range(end - begin):
+                order[begin + a] = own[sorting[a]]
         else:
             for a in range(begin + 1, end):
                 index = order[a]

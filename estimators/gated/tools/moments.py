@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ....optics.copying import copy_into
 from ....optics.jit import kernel
 from .stack import Stack
 
@@ -187,11 +188,11 @@ def average_even(counts, begin, end, level, least, sums, noise, scale, value, si
                 y = counts[k, p0:p1]
                 for p in range(n):
                     w[p] = min(w[p], y[p])
-            back[:n] = w
+            copy_into(back, w)
         elif level.size == 1:
             back[:n] = level[0]
         else:
-            back[:n] = level[p0:p1]
+            copy_into(back, level[p0:p1])
         _finish(m0[:n], m1[:n], m2[:n], h, back[:n], sums, noise, scale, value[p0:p1], sigma[p0:p1], valid[p0:p1])
 
 
@@ -233,11 +234,12 @@ def average_general(counts, slices, plan, level, least, sums, floors, noise, sca
                 high[p] = raw if not raw <= high[p] else high[p]
                 low[p] = min(low[p], y * own)
         if least:
-            back[:] = low
+            copy_into(back, low)
         elif level.size == 1:
             back[:] = level[0] - offset
         else:
-            back[:] = level[row * cols : (row + 1) * cols] - offset
+            for p in range(cols):
+                back[p] = level[row * cols + p] - offset
         for p in range(cols):
             at = row * cols + p
             value[at], sigma[at], valid[at] = _answer(
