@@ -147,8 +147,8 @@ def test_angles_of_a_rotation_are_those_it_is_made_of() -> None:
 
 
 def test_points_are_better_with_the_file_and_their_errors_hold_the_calibration(file: RigFile) -> None:
-    """Median miss of a wall at .65 m: some 20 mm by the first values, below 3 stated errors by the file. Without the calibration's
-    covariance the stated errors are the line's alone, smaller."""
+    """Median miss of a wall at .65 m: 20 mm by the first values, .21 by the file, whose points state .24 mm. Without the
+    calibration's covariance they state the line's error alone, .02 mm."""
     off, stated = {}, {}
     first = {path.removeprefix("rig."): value for path, value in _first_values().items()}
     ours = {path.removeprefix("rig."): value for path, value in file.overrides().items()}
@@ -160,7 +160,7 @@ def test_points_are_better_with_the_file_and_their_errors_hold_the_calibration(f
         off[name] = float(np.nanmedian(miss))
         stated[name] = float(np.nanmedian(np.linalg.norm(points["sigma"].values[0, :, 0], axis=1)))
     assert off["file"] < 3.0 * stated["file"] < 0.1 * off["first"], (off, stated)
-    assert off["bare"] == off["file"] and stated["bare"] < 0.9 * stated["file"], (off, stated)
+    assert off["bare"] == pytest.approx(off["file"], rel=0.05) and stated["bare"] < 0.2 * stated["file"], (off, stated)
 
 
 @pytest.mark.slow
@@ -203,7 +203,7 @@ def test_the_command_asks_for_the_board_and_writes_the_file(
     assert cli.main(["calibrate", str(air), "-o", str(out)]) == 2
     assert "--procedures 'boards[rows=6,cols=9" in capsys.readouterr().err
     for label, said in (
-        ("boards[rows=6,cols=9,square_m=0.02]", "beyond_x_m, beyond_y_m"),
+        ("boards[rows=6,cols=9,square_m=0.02]", "the board's beyond_x_m, beyond_y_m"),
         (f"boards[{_SIZES},size=3]", "unknown parameter"),
         (f"boards[{_SIZES.replace('rows=6', 'rows=six')}]", "not allowed"),
         ("boards[rows=6", "malformed"),

@@ -93,11 +93,13 @@ def _check_some(asked: Sequence[Procedure], lacking: dict[str, str], *, strict: 
     from ..scenes.errors import InputError
 
     missing = {name: why for name, why in lacking.items() if why}
+    # A procedure that needs no other captures, but what a user must state, says so after a colon.
+    typed = [rest for why in missing.values() if "--procedures" in (rest := why.partition(": ")[2])]
     if len(missing) == len(asked) or (missing and strict):
         raise InputError(
             "The captures do not hold what a calibration needs.", where="DATA",
-            value="; ".join(f"{name} lacks {why}" for name, why in missing.items()),
-            next_step="docs/calibration.md shows the captures of each procedure",
+            value="; ".join(f"{name} lacks {why.partition(': type')[0]}" for name, why in missing.items()),
+            next_step=typed[0] if typed else "docs/calibration.md shows the captures of each procedure",
         )  # fmt: skip
 
 
