@@ -43,7 +43,7 @@ _LEAST_VIEWS = 3
 _UPRIGHT_DEG = 0.1
 _TYPE = "--procedures 'boards[rows=6,cols=9,square_m=0.02,beyond_x_m=0.095,beyond_y_m=0.035]'"
 _PLANE = ("turn_about_axis_rad", "turn_about_fan_rad", "shift_m")
-_IN_PLANE = "places the sheet's plane; where in the plane the laser is stays as declared"
+_IN_PLANE = "of the sheet's plane; within it as declared"
 _SCALE = "scales with square_m, which captures of one pose each do not check"
 #: Path without "rig." -> (name, unit, parameters of the adjustment on which it rests).
 _SHOWN: dict[str, tuple[str, str, tuple[str, ...]]] = {
