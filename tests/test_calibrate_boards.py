@@ -210,6 +210,9 @@ def test_the_command_asks_for_the_board_and_writes_the_file(
         (f"boards[{_SIZES.replace('rows=6', 'rows=5')}]", "whole board"),
         (f"boards[{_SIZES.replace('0.02', '0.0206')}]", "not as large as stated"),
         (f"boards[{_SIZES.replace('square_m=0.02', 'square_m=-1')}]", "board"),
+        (f"boards[{_SIZES.replace('0.02', '20')}]", "not possible"),
+        (f"boards[{_SIZES.replace('rows=6', 'rows=1000000000')}]", "not possible"),
+        ("emva1288[rows=6]", "unknown parameter"),
     ):
         assert cli.main(["calibrate", str(air), "--procedures", label, "-o", str(out)]) == 2, label
         assert said in capsys.readouterr().err, label

@@ -39,6 +39,8 @@ Float = npt.NDArray[np.float64]
 _KIND = "laser_line"
 #: Fewest views: two of a line tell its plane, a third tells an error.
 _LEAST_VIEWS = 3
+#: Most corners along a side of a board, and its largest lengths [m].
+_MOST_CORNERS, _LARGEST_M = 200, 10.0
 #: Nearer to ±90° than this [degree] the angle about y leaves the two others open.
 _UPRIGHT_DEG = 0.1
 _TYPE = "--procedures 'boards[rows=6,cols=9,square_m=0.02,beyond_x_m=0.095,beyond_y_m=0.035]'"
@@ -82,6 +84,13 @@ def _run(
     cameras and for fewer than three views."""
     assert rows is not None and cols is not None and square_m is not None
     assert beyond_x_m is not None and beyond_y_m is not None
+    if max(rows, cols) > _MOST_CORNERS or square_m > _LARGEST_M or not 0.0 <= min(beyond_x_m, beyond_y_m) < _LARGEST_M:
+        raise InputError(
+            "The sizes of the board are not possible.", where="--procedures boards",
+            value=f"{rows} x {cols} corners, {square_m:g} m apart, {beyond_x_m:g} and {beyond_y_m:g} m beyond them",
+            allowed=f"{_MOST_CORNERS} corners a side or fewer, lengths in m from 0 to {_LARGEST_M:g}",
+            next_step="measure the board, in m",
+        )  # fmt: skip
     board = Board(rows, cols, square_m, (beyond_x_m, beyond_y_m))
     rigs = [read_rig(one, _KIND) for one in captures]
     _check_one_camera(rigs)
@@ -146,6 +155,7 @@ def _plane(found: Adjusted, pitch_m: float, note: str) -> list[Figure]:
     value = described(found.geometry, pitch_m)
     sigma = spread(found.geometry, pitch_m, found.names, found.covariance)
     angle, error = value["plane_angle"][0], sigma["plane_angle"][0]
+    away = value["plane_offset"][0], sigma["plane_offset"][0]
     return [
         Figure("sheet, elevation of its normal", "rad", float(angle[0]), float(error[0])),
         Figure("sheet, azimuth of its normal", "rad", float(angle[1]), float(error[1])),

@@ -140,7 +140,7 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
             last = rig, np.asarray(reference, np.float64)
     assert first is not None
     place, variance = _mean(list(seen.values()))
-    known = np.isfinite(variance).all(axis=1)
+    known = np.asarray(np.isfinite(variance).all(axis=1))
     _refuse_few(int(known.sum()), first)
     steps = first.centre_m / first.pitch_m
     found = fitted_lattice(place[known], variance[known], steps[known])
@@ -266,7 +266,8 @@ def _widths(reference: Float, rig: DeclaredRig, moved: Geometry, place: Float) -
     cells = cells_of(reference[None], rig, exposures=rig.whole("reference.exposures"), moved=moved)
     at = place - moved.place_px
     good = cells.sound & np.isfinite(at).all(axis=1) & moved.within(np.nan_to_num(at, nan=np.inf))
-    x, y, inside = (part[good] for part in (cells.x - at[:, :1], cells.y - at[:, 1:], cells.inside))
+    x, y = (np.asarray(part[good], np.float64) for part in (cells.x - at[:, :1], cells.y - at[:, 1:]))
+    inside = cells.inside[good]
     spot = declared_spot(rig)
     ideal = spot.share(y)[:, :, None] * spot.share(x)[:, None, :] * inside
 
