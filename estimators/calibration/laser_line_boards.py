@@ -159,9 +159,7 @@ def _plane(found: Adjusted, pitch_m: float, note: str) -> list[Figure]:
     return [
         Figure("sheet, elevation of its normal", "rad", float(angle[0]), float(error[0])),
         Figure("sheet, azimuth of its normal", "rad", float(angle[1]), float(error[1])),
-        Figure(
-            "sheet, distance from the pupil", "m", *(float(one["plane_offset"][0]) for one in (value, sigma)), "", note
-        ),
+        Figure("sheet, distance from the pupil", "m", float(away[0]), float(away[1]), "", note),
     ]
 
 
