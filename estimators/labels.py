@@ -126,16 +126,19 @@ def _signature(function: Callable[..., Any]) -> tuple[dict[str, inspect.Paramete
     return known, typing.get_type_hints(function)
 
 
-def check_parameters(function: Callable[..., Any], params: Mapping[str, Any], *, where: str) -> dict[str, Any]:
+def check_parameters(
+    function: Callable[..., Any], params: Mapping[str, Any], *, where: str, what: str = "Estimator"
+) -> dict[str, Any]:
     """The parameters, checked against the keyword-only arguments of `function`.
 
-    Raises InputError where one is unknown, missing or of another type. where: name of the estimator, for the message.
+    Raises InputError where one is unknown, missing or of another type. where, what: name of the estimator, and what it is, for the
+    message.
     """
     known, hints = _signature(function)
     for key, value in params.items():
         if key not in known:
             raise InputError(
-                f"Estimator {where} was given an unknown parameter.", where=where, value=key,
+                f"{what} {where} was given an unknown parameter.", where=where, value=key,
                 allowed=", ".join(sorted(known)) or "no parameters",
             )  # fmt: skip
         hint = hints.get(key, Any)
@@ -146,7 +149,7 @@ def check_parameters(function: Callable[..., Any], params: Mapping[str, Any], *,
     missing = [k for k, p in known.items() if p.default is inspect.Parameter.empty and k not in params]
     if missing:
         raise InputError(
-            f"Estimator {where} needs a parameter that is not given.", where=where, value=missing,
+            f"{what} {where} needs a parameter that is not given.", where=where, value=missing,
             next_step=label_of(where, f"{missing[0]}=..."),
         )  # fmt: skip
     return dict(params)

@@ -12,15 +12,15 @@
     [[calibration]]                      # where the values come from
     procedure = "emva1288"
 
-A list, and a table with its own `kind` (a pulse, a gate), replace the scene's as a whole; of other tables the given keys do. Files
-of measured curves lie beside the rig file.
+A list, a table with its own `kind` (a pulse, a gate), and a table that the kind of rig names (`RigKind.whole`) replace the scene's
+as a whole; of other tables the given keys do. Files of measured curves lie beside the rig file.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -29,7 +29,7 @@ from pydantic import Field
 from .base import NonNegative, Spec
 from .errors import InputError
 from .load import anchored_overrides
-from .rigs import RIGS
+from .rigs import RIGS, rig_kind
 from .spec_files import read_spec_file
 from .validate import validate_spec
 
@@ -55,35 +55,43 @@ class RigFile(Spec):
 
     def overrides(self) -> dict[str, Any]:
         """Its values by the paths of `--set`, for a scene whose rig is of this kind."""
-        return dict(_paths("rig", self.rig))
+        return dict(_paths("rig", self.rig, rig_kind(self.kind).whole))
 
     def updated(
         self, values: Mapping[str, Any], uncertainty: Mapping[str, float], record: Mapping[str, Any]
     ) -> RigFile:
         """The file with values {path: value} set, their standard errors, and one more record.
 
-        A value that is replaced loses its old standard error.
+        A value that is replaced loses its old standard error, and a list those of its elements. A path may end in the index of a
+        list that the file holds.
         """
         rig = json.loads(json.dumps(self.rig))
-        kept = {path: sigma for path, sigma in self.uncertainty.items() if path not in values}
+        kept = {
+            path: sigma
+            for path, sigma in self.uncertainty.items()
+            if not any(f"{path}.".startswith(f"{new}.") for new in values)
+        }
         for path, value in values.items():
             node: dict[str, Any] = {"rig": rig}
             *folders, last = path.split(".")
             for key in folders:
-                if not isinstance(node.get(key), dict):
+                if not isinstance(node.get(key), dict | list):
                     node[key] = {}
                 node = node[key]
-            node[last] = value
+            if isinstance(node, list):
+                node[int(last)] = value
+            else:
+                node[last] = value
         records = (*self.calibration, dict(record))
         return RigFile(kind=self.kind, rig=rig, uncertainty={**kept, **uncertainty}, calibration=records)
 
 
-def _paths(prefix: str, value: Mapping[str, Any]) -> list[tuple[str, Any]]:
+def _paths(prefix: str, value: Mapping[str, Any], whole: Collection[str]) -> list[tuple[str, Any]]:
     found: list[tuple[str, Any]] = []
     for key, item in value.items():
         path = f"{prefix}.{key}"
-        if isinstance(item, Mapping) and "kind" not in item:
-            found += _paths(path, item)
+        if isinstance(item, Mapping) and "kind" not in item and path not in whole:
+            found += _paths(path, item, whole)
         else:
             found.append((path, item))
     return found

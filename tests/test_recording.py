@@ -245,6 +245,26 @@ def test_a_mistyped_plan_says_what(scan: Mapping[str, Any], said: str) -> None:
         plan(**scan)
 
 
+def test_a_disk_that_fills_when_the_capture_is_written_loses_no_shot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All shots are taken and the store does not fit beside them: the note says how to go on, and `resume` takes no shot again."""
+    planned, out = plan(), tmp_path / "full.zarr"
+
+    def full(*arguments: Any, **options: Any) -> None:
+        raise InputError("Writing capture 0 failed: No space left on device.", where=str(out))
+
+    with bench() as (rig, _):
+        with monkeypatch.context() as patched:
+            patched.setattr("beambench.captures.recording.record.write", full)
+            with pytest.raises(InputError, match="No space left") as caught:
+                taken(planned, connected(rig), out)
+        assert "13 of 13 shots" in caught.value.__notes__[0] and "records nothing again" in caught.value.__notes__[0]
+        made = taken(planned, connected(rig), out, resume=True)
+    assert made.done == 13 and not folder_of(out).exists()
+    check(out, planned)
+
+
 def test_a_full_disk_stops_before_or_during_and_keeps_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -59,5 +59,7 @@ CALIBRATE = command(
     View(_text, _json),
     examples="Examples:\n  beambench generate camera-series -o series\n  beambench calibrate series -o my-rig.toml\n"
     "  beambench calibrate dark.zarr flat-1.zarr flat-2.zarr flat-3.zarr flat-4.zarr --rig my-rig.toml -o better.toml\n"
+    "  beambench calibrate air.zarr water.zarr -o line.toml"
+    " --procedures 'boards[rows=6,cols=9,square_m=0.02,beyond_x_m=0.095,beyond_y_m=0.035]'\n"
     "  beambench generate flat-wall --rig my-rig.toml -o twin.zarr",
 )

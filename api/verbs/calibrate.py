@@ -43,7 +43,8 @@ def calibrate(
 
     Main arguments:
         data: Stores of captures of one rig.
-        procedures: Procedure to run, instead of all that the captures allow: emva1288, delay-scan.
+        procedures: Procedure to run, instead of all that the captures allow: emva1288, delay-scan, boards, lenslets; with what it
+            must be told as NAME[KEY=VALUE,...].
         rig: A rig file that the values go into; a new one by default.
     Other arguments:
         out: The rig file, .toml; ./beambench-runs/rig-<name>-<time>.toml by default.
@@ -58,6 +59,7 @@ def calibrate(
     """
     from ..captures import open_captures
     from ..estimators.calibration.procedure import PROCEDURES, procedure_of
+    from ..estimators.labels import each_label
     from ..scenes.errors import InputError
     from ..scenes.places import local_path
     from ..scenes.rig_files import RigFile, read_rig_file, write_rig_file
@@ -68,7 +70,8 @@ def calibrate(
     captures = _Hidden([open_captures(store) for store in stores])
     kind = captures.kind(stores)
     base = None if rig is None else read_rig_file(rig, kind)
-    asked = [procedure_of(name) for name in (procedures or PROCEDURES)]
+    labels = each_label([procedures] if isinstance(procedures, str) else procedures or PROCEDURES)
+    asked = [procedure_of(label) for label in labels]
     lacking = {one.name: one.lacking(captures) for one in asked}
     _check_some(asked, lacking, strict=bool(procedures))
     name = f"rig-{Path(stores[0]).stem}.toml"
@@ -90,11 +93,13 @@ def _check_some(asked: Sequence[Procedure], lacking: dict[str, str], *, strict: 
     from ..scenes.errors import InputError
 
     missing = {name: why for name, why in lacking.items() if why}
+    # A procedure that needs no other captures, but what a user must state, says so after a colon.
+    typed = [rest for why in missing.values() if "--procedures" in (rest := why.partition(": ")[2])]
     if len(missing) == len(asked) or (missing and strict):
         raise InputError(
             "The captures do not hold what a calibration needs.", where="DATA",
-            value="; ".join(f"{name} lacks {why}" for name, why in missing.items()),
-            next_step="docs/calibration.md shows the captures of each procedure",
+            value="; ".join(f"{name} lacks {why.partition(': type')[0]}" for name, why in missing.items()),
+            next_step=typed[0] if typed else "docs/calibration.md shows the captures of each procedure",
         )  # fmt: skip
 
 
@@ -102,7 +107,8 @@ def _values(made: Calibrated) -> tuple[dict[str, Any], dict[str, float]]:
     import math
 
     shown = [one for one in made.figures if one.path]
-    values = {one.path: one.value for one in shown} | dict(made.values)
+    # Lists stand before their elements, which are the same numbers.
+    values = dict(made.values) | {one.path: one.value for one in shown if one.path not in made.values}
     sigmas = {one.path: one.sigma for one in shown if math.isfinite(one.sigma)} | dict(made.sigmas)
     return values, sigmas
 

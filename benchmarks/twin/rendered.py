@@ -24,6 +24,7 @@ from ...scenes.load import load_scene
 from ...scenes.overrides import apply_overrides
 from ...scenes.scene import Scene
 from .clause import Ask, Curve, Evidence
+from .uncertain import Uncertain, held_at, perturbed, uncertain_of
 
 __all__ = [
     "Cells", "Frame", "Kit", "RenderedTwin", "check_length", "every_other", "measure_rendered", "noise_bounds", "photon_transfer",
@@ -34,9 +35,6 @@ Float = npt.NDArray[np.float64]
 
 #: Key of the random numbers of a twin; the draw is their seed.
 _KEY = 0x7717
-_GAIN = ".gain_dn_per_e"
-#: Measured in DN, beside a gain: another gain comes with inversely many electrons.
-_IN_DN = ("read_noise_e", "dsnu_e")
 #: Rounding leaves so much variance, DN².
 _ROUNDING = 1.0 / 12.0
 #: Fewest draws whose scatter weighs residuals.
@@ -84,10 +82,10 @@ class Kit:
 
 @dataclass(frozen=True, eq=False)
 class RenderedTwin:
-    """A scene with the twin's rig, its light matched; `sigmas` {path: 1 σ} of what is drawn anew."""
+    """A scene with the twin's rig, its light matched; `uncertain`: what is drawn anew."""
 
     scene: Scene
-    sigmas: Mapping[str, float]
+    uncertain: Uncertain
     level: str
     fidelity: Any
 
@@ -95,47 +93,13 @@ class RenderedTwin:
         """A capture with its truth; `nominal`: of the rig's values as they are."""
         data = self.scene.model_dump(mode="json")
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY,)))
-        changes = {} if nominal else _perturbed(data, self.sigmas, self.level, rng)
+        changes = {} if nominal else perturbed(data, self.uncertain, self.level, rng)
         if not nominal and "fixed_pattern_seed" in data["rig"]["detector"]:
             changes["rig.detector.fixed_pattern_seed"] = seed
         scene = load_scene(apply_overrides(data, changes)) if changes else self.scene
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return generate(scene, seed=seed, capture_key=_KEY, fidelity=self.fidelity)
-
-
-def _held(data: Any, path: str) -> Any:
-    node = data
-    for key in path.split("."):
-        node = node[int(key)] if isinstance(node, list) else node.get(key) if isinstance(node, Mapping) else None
-    return node
-
-
-def _perturbed(data: Any, sigmas: Mapping[str, float], level: str, rng: np.random.Generator) -> dict[str, Any]:
-    """{path: value} drawn anew; what was 0 or above stays so. Light and noise were measured in DN: they follow the gain."""
-    changes: dict[str, Any] = {}
-    for path, sigma in sigmas.items():
-        value = float(_held(data, path))
-        drawn = value + sigma * float(rng.standard_normal())
-        changes[path] = max(drawn, 0.0) if value >= 0.0 else drawn
-    for path in [path for path in changes if path.endswith(_GAIN)]:
-        relative = changes[path] / float(_held(data, path))
-        changes[level] = float(changes.get(level, _held(data, level))) / relative
-        for name in _IN_DN:
-            noise = f"{path.removesuffix(_GAIN)}.{name}"
-            if _held(data, noise) is not None:
-                changes[noise] = float(changes.get(noise, _held(data, noise))) / relative
-    return changes
-
-
-def _check_numbers(data: Any, sigmas: Mapping[str, float]) -> None:
-    for path in sigmas:
-        value = _held(data, path)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(
-                "An uncertainty is of no number of the rig.", where=f"uncertainty: {path}", value=value,
-                allowed="the path of a number",
-            )  # fmt: skip
 
 
 def prepared(capture: xr.Dataset, ask: Ask, kit: Kit) -> tuple[RenderedTwin, Frame]:
@@ -159,8 +123,7 @@ def prepared(capture: xr.Dataset, ask: Ask, kit: Kit) -> tuple[RenderedTwin, Fra
     values, sigmas = ({}, {}) if ask.rig is None else (dict(ask.rig.values), dict(ask.rig.sigmas))
     data = apply_overrides(scene.model_dump(mode="json"), values)
     data["declared"] = {}
-    _check_numbers(data, sigmas)
-    twin = RenderedTwin(load_scene(data), sigmas, kit.level, ask.fidelity)
+    twin = RenderedTwin(load_scene(data), uncertain_of(data, sigmas), kit.level, ask.fidelity)
     draft = twin.draw(ask.seed, nominal=True)
     _same_shape(capture, draft, kit)
     frame = Frame(draft, kit.half(draft, 0))
@@ -170,7 +133,7 @@ def prepared(capture: xr.Dataset, ask: Ask, kit: Kit) -> tuple[RenderedTwin, Fra
             "The scene and the recording do not show light in the same places.", where="scene", value=f"{seen:.3g} DN recorded",
             allowed=f"about {own:.3g} DN, as the scene has", next_step="check the target's distance and the rig of the scene",
         )  # fmt: skip
-    data = apply_overrides(data, {kit.level: float(_held(data, kit.level)) * seen / own})
+    data = apply_overrides(data, {kit.level: float(held_at(data, kit.level)) * seen / own})
     twin = replace(twin, scene=load_scene(data))
     nominal = twin.draw(ask.seed, nominal=True)
     return twin, Frame(nominal, kit.half(nominal, 1))
@@ -211,7 +174,7 @@ def measure_rendered(capture: xr.Dataset, ask: Ask, kit: Kit) -> Evidence:
         one |= residuals(held[number], np.delete(stack, number, axis=0))
     why = {name: text for name, text in kit.why_not.items() if not math.isfinite(real.get(name, math.nan))}
     curves = kit.curve(cells.mean, stack.mean(axis=0), stack.std(axis=0, ddof=1))
-    return Evidence(real, drawn, kit.bounds(half, frame), why, curves, _about(capture, half, ask, kit))
+    return Evidence(real, drawn, kit.bounds(half, frame), why, curves, _about(capture, half, ask, kit, twin))
 
 
 def residuals(cells: Cells, draws: Float) -> dict[str, float]:
@@ -274,11 +237,12 @@ def every_other(capture: xr.Dataset, name: str, number: int, *, least: int) -> x
     return capture.isel({name: slice(number, size // 2 * 2, 2)})
 
 
-def _about(capture: xr.Dataset, half: xr.Dataset, ask: Ask, kit: Kit) -> Sequence[str]:
+def _about(capture: xr.Dataset, half: xr.Dataset, ask: Ask, kit: Kit, twin: RenderedTwin) -> Sequence[str]:
     sizes = " × ".join(f"{size} {name}s" for name, size in capture[kit.main].sizes.items())
     judged = " × ".join(f"{size} {name}s" for name, size in half[kit.main].sizes.items())
     rig = "that of the scene; no value of it is uncertain" if ask.rig is None else (
-        f"{ask.rig.source}, with {len(ask.rig.sigmas)} uncertain values, which each of {ask.draws} draws of the twin draws anew"
+        f"{ask.rig.source}, with {twin.uncertain.count} uncertain values, which each of {ask.draws} draws of the twin draws anew"
+        + (f", {len(twin.uncertain.joint)} of them with their correlations" if twin.uncertain.joint else "")
     )  # fmt: skip
     return [
         f"The recording: {sizes}. Every other frame gives the level of the light (first half); the others are judged ({judged}).",

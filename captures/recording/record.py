@@ -145,7 +145,11 @@ def _published(planned: Planned, store: SlotStore, out: Path, given_up: str, who
             next_step="check the devices, and add --resume",
         )  # fmt: skip
     capture = _capture(planned, store, data, valid)
-    write(out, capture, overwrite=out.exists())
+    try:
+        write(out, capture, overwrite=out.exists())
+    except InputError as error:  # a full disk: nothing has to be recorded again
+        error.add_note(store.advice())
+        raise
     if whole or not given_up:
         store.close()
         remove_recording(store.folder)

@@ -128,6 +128,8 @@ class SlotStore:
     def advice(self) -> str:
         """How to go on with what is there."""
         there = f"{self.count} of {len(self.lines)} shots are in {self.folder}"
+        if self.count == len(self.lines):
+            return f"{there}: --resume makes the capture of them, and records nothing again"
         return f"{there}: --resume records the rest, --finish keeps them as they are"
 
     def _header(self) -> dict[str, Any]:

@@ -19,18 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from ...scenes.errors import InputError
 from ..rig import read_rig
 from .procedure import Calibrated, Figure, Procedure
 from .series import Series, Setting, read_series, settings_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["EMVA1288", "Emva", "emva_figures"]
 

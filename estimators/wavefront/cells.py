@@ -38,6 +38,7 @@ __all__ = [
     "first_guess",
     "measured",
     "relative",
+    "sought",
     "whole_cells",
 ]
 
@@ -292,7 +293,7 @@ def measured(
     if search == "cell":
         parts = [found(counts[k : k + some], 1) for k in range(0, len(counts), some)]
     else:
-        parts = [_sought(image, rig, method, least_sigmas) for image in counts]
+        parts = [sought(image, rig, method, least_sigmas) for image in counts]
     shape = (len(counts), lenslets)
     frames = Found(
         np.concatenate([one.position for one in parts]).reshape(*shape, 2),
@@ -314,8 +315,10 @@ def _within(found: Found, geometry: Geometry) -> Found:
     return Found(found.position, found.variance, found.good & geometry.within(found.position))
 
 
-def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sigmas: float) -> Found:
-    """What a method finds in a frame in cells about the spots that `field_search` gives the lenslets.
+def sought(
+    image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sigmas: float, *, exposures: int = 1
+) -> Found:
+    """What a method finds in an image in cells about the spots that `field_search` gives the lenslets; arguments as of `cells_of`.
 
     Where spots stand closer than lenslets, cells are as wide as the spots are apart.
     """
@@ -333,7 +336,7 @@ def _sought(image: npt.NDArray[Any], rig: DeclaredRig, method: Method, least_sig
             apart: Any = cKDTree(own).query(own, 2)[0]
             width = min(width, float(np.median(apart[:, 1])))
     moved = replace(geometry, place_px=geometry.place_px + shift, pitch_px=width)
-    cells = cells_of(image[None], rig, least_sigmas=least_sigmas, moved=moved)
+    cells = cells_of(image[None], rig, exposures=exposures, least_sigmas=least_sigmas, moved=moved)
     one = _within(method(cells), moved)
     return Found(one.position + shift, one.variance, one.good & cells.sound & held)
 

@@ -89,6 +89,7 @@ class RigKind(Generic[RigT]):
         roles: role (a name of `roles.ROLES`) -> path of the scene, or a record.
     Other arguments:
         needs_target: whether a scene with this rig must hold an object.
+        whole: paths of optional tables, which a scene may lack: a rig file gives each as a whole.
     """
 
     name: str
@@ -101,6 +102,7 @@ class RigKind(Generic[RigT]):
     resize: Callable[[int], dict[str, Any]]
     roles: Mapping[str, Role]
     needs_target: bool = True
+    whole: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_roles(self.roles, self.name)

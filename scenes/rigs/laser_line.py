@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..medium_index import medium_data
 from .declaring import as_declared
 from .kind import RigKind, RigScene, RigView, rig_of
+from .laser_line_calibration import calibration_data
 from .laser_line_exposure import check_exposure
 from .laser_line_geometry import ambient_e_per_s, camera_data, line_camera, line_lens, line_sheet, sheet_data
 from .laser_line_spec import LaserLineRig
@@ -54,6 +55,7 @@ def _declare(scene: RigScene) -> dict[str, Any]:
         }
         | auto
         | meter
+        | calibration_data(rig.calibration, rig.camera.pixel_pitch_m, rig.laser.rotation_deg)
     )
 
 
@@ -138,6 +140,7 @@ KIND = RigKind(
         "read-noise": "rig.detector.read_noise_e",
         "stand-off": "rig.port.stand_off_m",
     },
+    whole=("rig.distortion", "rig.calibration"),
 )
 
 

@@ -10,6 +10,7 @@ from ..ambient import AmbientSpectrum, ambient_rate, without_computed
 from ..quantities import MomentTime, Rate, Velocity
 from .kind import RigSpec
 from .laser_line_attitude import Inclinometers
+from .laser_line_calibration import LineCalibration
 from .laser_line_effects import LineEffects
 from .laser_line_exposure import AutoExposure
 from .laser_line_parts import Distortion, Frames, SheetLaser, Window
@@ -24,7 +25,7 @@ Station = tuple[_Place, _Place, _Place, _Turn, _Turn, _Turn]
 #: Absent options are left out of the data.
 _OPTIONAL = (
     "effects", "motion_m_per_s", "turn_rad_per_s", "distortion", "principal_offset_px", "even_light_e_per_s", "auto_exposure",
-    "inclinometers", "stations",
+    "inclinometers", "stations", "calibration",
 )  # fmt: skip
 
 
@@ -41,6 +42,7 @@ class LaserLineRig(RigSpec):
     `auto_exposure`: exposure and gain that follow the light, frame by frame; absent, they are the detector's. `inclinometers`:
     the camera's attitude against gravity, read once per frame. `stations`: poses of the rig in the frame of the scene, at which it
     stands still: frame k of those with laser, and frame k of those without, is taken at station k modulo their number.
+    `calibration`: what the calibration that these values are from leaves open; it changes no capture but what it declares.
     """
 
     kind: Literal["laser_line"] = "laser_line"
@@ -62,6 +64,7 @@ class LaserLineRig(RigSpec):
     auto_exposure: AutoExposure | None = None
     inclinometers: Inclinometers | None = None
     stations: Annotated[tuple[Station, ...], Field(min_length=1, max_length=65536)] | None = None
+    calibration: LineCalibration | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent_options(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -62,7 +62,8 @@ class Lenslets(Spec):
 
     `grid`: "square", also where absent, or "hexagonal": hexagons with two edges parallel to y, rows √¾ of the pitch apart, every
     second one half a pitch to the right of the middle row. `preset`: a name of `LENSLET_PRESETS` in place of pitch and
-    focal length. `fill`: side of a lenslet's clear square, or width between the clear hexagon's flats, over the pitch.
+    focal length; "" is none, for a rig file over a scene that names one. `fill`: side of a lenslet's clear square, or width
+    between the clear hexagon's flats, over the pitch.
     `rotation_deg`: from x toward y, about the array's centre; `offset_m`: (x, y) of the array's centre from the camera's axis.
     `missing`: (row, col) of lenslets that let no light through. `missing_share`: of all lenslets, which by the draw
     `missing_seed` (0 if absent) let none through either; those of a smaller share are among those of a larger one.
@@ -107,8 +108,8 @@ class Lenslets(Spec):
     def _take_the_preset(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        if data.get("preset") is None:
-            return {name: _as_tuples(value) for name, value in data.items()}
+        if data.get("preset") in (None, ""):
+            return {name: _as_tuples(value) for name, value in (data | {"preset": None}).items()}
         held = LENSLET_PRESETS.get(str(data["preset"]))
         if held is None:
             raise ValueError(f"preset should be one of {', '.join(LENSLET_PRESETS)}")
