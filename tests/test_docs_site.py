@@ -111,8 +111,8 @@ def pages(project: Path) -> list[Path]:
 
 
 def typed(text: str) -> Iterator[str]:
-    """The commands of a page that begin with beambench."""
-    for line in text.splitlines():
+    """The commands of a page that begin with beambench; a line that ends in a backslash goes on in the next."""
+    for line in re.sub(r" *\\\n *", " ", text).splitlines():
         for part in line.split(" > ")[0].split("&&"):
             if re.match(r"\s*beambench [a-z]", part) and (line.startswith("    ") or "pip install" in line):
                 yield part.strip()

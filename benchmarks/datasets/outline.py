@@ -206,7 +206,9 @@ def _in_one(warnings: Iterable[str]) -> list[str]:
         match = _SHARE.search(told)
         shares.setdefault(told[: match.start()] if match else told, []).extend([int(match[1])] if match else [])
     ends = {text: sorted({min(values), max(values)}) for text, values in shares.items() if values}
-    return [text + " to ".join(f"{end}%" for end in ends[text]) + "." if text in ends else text for text in sorted(shares)]
+    return [
+        text + " to ".join(f"{end}%" for end in ends[text]) + "." if text in ends else text for text in sorted(shares)
+    ]
 
 
 def check_parts(draws: Draws) -> tuple[dict[str, int], int]:

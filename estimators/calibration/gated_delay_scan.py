@@ -6,7 +6,8 @@ surfaces are left out of pulse, gate and t0 (`gated_single`); a flat wall has no
     gain × F²       slope of the photon transfer            F²              third cumulant over variance² (`gated_noise`)
     offset, read noise, DSNU, energy fluctuation            frames with the laser off, and whole frames
     pulse, gate     stretches of the declared samples       t0              if the target's range is surveyed (`gated_widths`)
-    backscatter     light at delays before the echo
+    backscatter     light at delays before the echo         gate map        a surveyed target's echoes, pixel by pixel
+                                                                             (`gated_gate_map`)
  Photon transfer alone gives gain × F² of an intensified camera. Where the third cumulant tells F² to 10 %, it is used and
 stated; otherwise the declared F² is kept. The standard error of the gain is that of gain × F². Where the scan does not tell
 pulse from gate, both are stretched as the response as a whole is, and a note says so.
@@ -24,6 +25,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from ...scenes.errors import InputError
+from .gated_gate_map import GateTiming, declared_map_s, gate_timing
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan, read_scan
 from .gated_single import fit_one_echo
@@ -46,7 +48,7 @@ class ScanValues:
     Main arguments:
         numbers: {path: value and standard error}. pulse, gate: stretches of the declared shapes. told: whether these are told
         apart. fit: of the response. backscatter_e: mean light before the echo, electrons; NaN where no delay is before it.
-        slope: K G F².
+        slope: K G F². timing: of the gates of single pixels; None without a surveyed target.
     """
 
     numbers: Mapping[str, Found]
@@ -57,6 +59,7 @@ class ScanValues:
     backscatter_e: Found
     slope: Found
     excess: Found
+    timing: GateTiming | None
 
 
 def known_range(capture: xr.Dataset) -> Float | None:
@@ -78,7 +81,9 @@ def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValu
     """
     rig = scan.rig
     noise, dark = noise_statistics(scan), dark_statistics(scan)
-    fit = fit_one_echo(scan, known_s=None if range_m is None else surveyed_delay(scan, range_m))
+    known_s = None if range_m is None else surveyed_delay(scan, range_m)
+    timing = None if known_s is None else gate_timing(scan, known_s)
+    fit = fit_one_echo(scan, known_s=None if known_s is None else known_s - _later(scan, timing))
     tube = rig.amplifier("detector.intensifier")
     slope, excess = noise["slope"], noise["excess"]
     told = rig.get("detector.intensifier") is not None and excess.sigma < _EXCESS_TOLD * excess.value
@@ -96,7 +101,17 @@ def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValu
         numbers["rig.t0_s"] = Found(declared - fit.shift_s.value, fit.shift_s.sigma)
     apart = math.isfinite(fit.pulse.value)
     pulse, gate = (fit.pulse, fit.gate) if apart else (fit.response, fit.response)
-    return ScanValues(numbers, pulse, gate, apart, fit, _before(scan, fit, gain.value * tube.gain), slope, excess)
+    return ScanValues(
+        numbers, pulse, gate, apart, fit, _before(scan, fit, gain.value * tube.gain), slope, excess, timing
+    )
+
+
+def _later(scan: DelayScan, timing: GateTiming | None) -> Float | float:
+    """How much later the gate of each pixel opens (pixel), s: as found, or as declared where it cannot be told."""
+    declared = declared_map_s(scan)
+    if timing is not None and (timing.told or declared is not None):
+        return timing.offset_s
+    return 0.0 if declared is None else declared
 
 
 def _dark_values(scan: DelayScan, dark: Mapping[str, Found], gain: float, slope: float) -> dict[str, Found]:
@@ -184,6 +199,12 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
         ),
     ]
     values, sigmas = _shapes(scan, found)
+    if found.timing is not None:
+        held = found.timing.told or declared_map_s(scan) is not None
+        figures += _of_timing(found.timing, held=held)
+        if held:
+            skew = [found.timing.skew_x.value, found.timing.skew_y.value]
+            values["rig.gate_map"] = {"iris_s": found.timing.iris.value, "skew_s": skew}
     used = {
         "delays": len(scan.delay_s),
         "repeats": scan.repeats,
@@ -193,6 +214,23 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
         "lit_pixels_with_one_echo": int(used_pixels.sum()),
     }
     return Calibrated(tuple(figures), values, sigmas, used)
+
+
+def _of_timing(timing: GateTiming, *, held: bool) -> list[Figure]:
+    """Figures of the gate map; `held`: whether the rig file holds it."""
+    note = "" if held else "the gate opens evenly, as far as the scan tells: no map is written"
+    rows = (
+        ("iris", timing.iris, "iris_s"),
+        ("skew along x", timing.skew_x, "skew_s.0"),
+        ("skew along y", timing.skew_y, "skew_s.1"),
+    )
+    return [
+        *(
+            Figure(f"gate, {name}", "s", one.value, one.sigma, f"rig.gate_map.{path}" if held else "", note)
+            for name, one, path in rows
+        ),
+        Figure("gate, single pixels", "s", timing.scatter_s, math.nan, "", "rms about the map beyond their noise"),
+    ]
 
 
 def _shapes(scan: DelayScan, found: ScanValues) -> tuple[dict[str, Any], dict[str, float]]:

@@ -322,9 +322,7 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float, single:
     unit = inner / scale[:, :, None] / scale[:, None, :]
     good = np.linalg.eigvalsh(unit)[:, 0] > 1e-9
     if not (good & single).any():
-        raise InputError(
-            "No pixel shows an echo within the scan.", where="counts", next_step="scan the delays of the target's echo"
-        )
+        raise _no_echo()
     unit[~good] = np.eye(unit.shape[1])
     inverse = np.linalg.inv(unit) / scale[:, :, None] / scale[:, None, :]
     inverse[~good] = 0.0
@@ -334,9 +332,18 @@ def _solve(columns: Float, local: Float, residual: Float, weight: Float, single:
     told = cross * single[:, None, None]
     normal = np.einsum("kpc,kpd->cd", wc, columns) - np.einsum("plc,plm,pmd->cd", told, inverse, cross)
     gradient = np.einsum("kpc,kp->c", wc, residual) - np.einsum("plc,plm,pm->c", told, inverse, right)
-    common = np.linalg.solve(normal, gradient)
+    try:
+        common = np.linalg.solve(normal, gradient)
+    except np.linalg.LinAlgError as error:
+        raise _no_echo() from error
     own = np.einsum("plm,pm->pl", inverse, right - np.einsum("plc,c->pl", cross, common))
     return _Solved(common, own, normal, inverse)
+
+
+def _no_echo() -> InputError:
+    return InputError(
+        "No pixel shows an echo within the scan.", where="counts", next_step="scan the delays of the target's echo"
+    )
 
 
 def time_bound_s(scan: DelayScan, fit: ResponseFit) -> Float:

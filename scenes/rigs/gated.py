@@ -263,6 +263,7 @@ KIND = RigKind(
     places=_places,
     view=_view,
     resize=_resize,
+    whole=("rig.gate_map",),
     roles={
         "ambient": "rig.ambient_e_per_s",
         "fluctuation": "rig.laser.energy_fluctuation",
