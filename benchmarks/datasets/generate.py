@@ -182,6 +182,7 @@ def repeat_store(
     """
     from ...captures import open_captures, write
     from ...captures.compare import compare_captures
+    from ...captures.padding import padded_as
 
     captures = open_captures(like)
     folders = (like.resolve().parent, Path.cwd())
@@ -198,8 +199,9 @@ def repeat_store(
     def again() -> Iterator[xr.Dataset]:
         for index, item in enumerate(items):
             tell("generate", index, len(items), item.scene.name)
-            capture = _make(item)
-            comparison.append(compare_captures(captures[index], capture))
+            stored = captures[index]
+            capture = padded_as(stored, _make(item), f"{like}, capture {index}")
+            comparison.append(compare_captures(stored, capture))
             yield capture
         tell("generate", len(items), len(items), "")
 

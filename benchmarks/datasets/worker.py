@@ -39,7 +39,9 @@ class Maker:
         self._drawn: tuple[int, Drawn, Scene] | None = None
 
     def capture(self, index: int) -> tuple[xr.Dataset, dict[str, Any]]:
-        """Capture `index` and its facts. Raises InputError for an impossible scene."""
+        """Capture `index` and its facts. Raises InputError for an impossible scene, and as `padded`."""
+        from ...captures.padding import padded
+
         data = self.draws.data
         number = index // data.repeats
         if self._drawn is None or self._drawn[0] != number:
@@ -50,6 +52,7 @@ class Maker:
             truth_electrons=data.truth_electrons, truth_components=data.truth_components,
             truth_instances=data.truth_instances,
         )  # fmt: skip
+        capture = padded(capture, f"capture {index}, {drawn.base}")
         facts = {
             "part": self.draws.part(drawn), "base": drawn.base, "draw": number, "seed": data.seed,
             "scene_sha256": self.draws.content(drawn), "values": drawn.values,

@@ -98,4 +98,5 @@ LAYOUT = Layout(
         Stage("spectrum", "spectrum", "laser_line", ("point", "rig"), (_SLOPE, _LEVEL)),
     ),
     finite=("time",),
+    padded={"return": 6},
 )

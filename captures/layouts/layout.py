@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ class Layout:
         stages: stages of its estimators; the first one reads captures.
     Other arguments:
         finite: coordinates that must be finite.
+        padded: {dimension: size} of those whose size follows from what a capture shows: captures of a data set get this one.
         check: function of (capture, declared rig, place for messages); raises InputError for values that contradict each
             other.
     """
@@ -42,6 +43,7 @@ class Layout:
     noun: str
     stages: tuple[Stage, ...]
     finite: tuple[str, ...] = ()
+    padded: Mapping[str, int] = field(default_factory=dict)
     check: Callable[[xr.Dataset, dict[str, Any], str], None] = _nothing
 
     @cached_property
