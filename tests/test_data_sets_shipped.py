@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def test_captures_of_a_shipped_data_set_have_one_layout(name: str) -> None:
 @pytest.mark.parametrize("name", list_datasets())
 def test_two_dozen_of_each_shipped_data_set_are_made(name: str, tmp_path: Path, long_run: None) -> None:
     beambench.generate(name, overrides={"captures": 24}, out=tmp_path / "set", workers=1)
-    assert beambench.data_verify(tmp_path / "set").problems == []
+    assert beambench.data_verify(tmp_path / "set") == []
 
 
 def _rows(returns: int) -> xr.Dataset:
@@ -66,3 +67,38 @@ def test_a_data_set_of_laser_lines_repeats_from_its_records(tmp_path: Path) -> N
     beambench.generate("laser-line-10k", overrides={"captures": 2, "split": None}, out=tmp_path / "set", workers=1)
     assert open_captures(tmp_path / "set" / "laser_line")[0].sizes["return"] == layout_of("laser_line").padded["return"]
     assert beambench.generate(like=tmp_path / "set" / "laser_line").equal
+
+
+def test_status_tells_a_folder_that_is_a_link_and_an_index_that_was_changed(tmp_path: Path) -> None:
+    """Both were called complete; a group of a data set was no store to `verify`."""
+    data = tmp_path / "set"
+    beambench.generate("gated-1k", overrides={"captures": 2, "split": None}, out=data, workers=1)
+    assert beambench.data_status(data)["state"] == "complete"
+    assert beambench.data_verify(data / "gated") == []
+    index = data / "index.parquet"
+    sound = index.read_bytes()
+    index.write_bytes(sound + b"x")
+    assert (beambench.data_status(data)["state"], beambench.data_status(data)["damaged"]) == (
+        "damaged",
+        ["index.parquet"],
+    )
+    index.write_bytes(sound)
+    (data / "gated" / "counts").rename(tmp_path / "elsewhere")
+    (data / "gated" / "counts").symlink_to(tmp_path / "elsewhere")
+    assert beambench.data_status(data)["state"] == "damaged"
+
+
+def test_a_data_set_that_another_command_has_begun_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended with «File exists», and advised --resume to a command that had it."""
+    from beambench.benchmarks.datasets import place
+
+    real = place.pilot
+
+    def slow(*given: Any) -> Any:
+        made = real(*given)
+        (tmp_path / "set.partial").mkdir()
+        return made
+
+    monkeypatch.setattr(place, "pilot", slow)
+    with pytest.raises(InputError, match="Another command has begun this data set"):
+        beambench.generate("gated-1k", overrides={"captures": 2, "split": None}, out=tmp_path / "set", workers=1)

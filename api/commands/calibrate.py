@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table
@@ -46,7 +47,7 @@ def _text(made: Calibration, given: Arguments) -> None:
             right=("value", "1 σ"),
         )
     print_lines(*(f"not run  {name}: the captures lack {why}" for name, why in made.lacking.items()))
-    print_lines(f"rig      {made.out}", f"next     beambench generate SCENE --rig {made.out}")
+    print_lines(f"rig      {made.out}", f"next     beambench generate SCENE --rig {quote(str(made.out))}")
 
 
 def _number(value: float, digits: int = 5) -> str:

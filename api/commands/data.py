@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table, size_text
@@ -66,7 +67,7 @@ def _next(status: dict[str, Any]) -> list[str]:
         return []
     resume = "the same beambench generate with --resume"
     if status["finished"] and (status["damaged"] or status["dropped"]):
-        return [f"next    beambench data repair {status['path']} --regenerate, then {resume}"]
+        return [f"next    beambench data repair {quote(str(status['path']))} --regenerate, then {resume}"]
     return [f"next    {resume}"]
 
 

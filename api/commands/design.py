@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table
@@ -46,7 +47,7 @@ def _text(made: Design, given: Arguments) -> None:
     print_lines(
         f"design   {found.best.name}: {found.gain:.2f} times below the {'error' if biased else 'bound'} of the scene's own",
         f"files    {made.out}",
-        f"next     sh {made.out}/set.txt",
+        f"next     sh {quote(str(made.out))}/set.txt",
     )
 
 

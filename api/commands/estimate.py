@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table, score_records, size_text
@@ -33,7 +34,7 @@ def _estimate_text(folder: Path, given: Arguments) -> None:
         if told["reason"]:
             missed = told["captures"] - told["answered"]
             print_lines(f"failed    {label}, {missed} of {told['captures']} captures: {told['reason']}")
-    print_lines(f"estimates {folder}", f"next      beambench score {given['data']} {folder}")
+    print_lines(f"estimates {folder}", f"next      beambench score {quote(str(given['data']))} {quote(str(folder))}")
 
 
 def _estimate_code(folder: Path) -> int:
@@ -78,7 +79,9 @@ def _score_text(table: pd.DataFrame, given: Arguments) -> None:
             ("estimator", "where", *numbers, "status"), [_scored(cell, factor) for cell in group], right=numbers
         )
         print_lines("")
-    print_lines(*closing_lines(table), f"tables   {folder}/scores.csv", f"next     beambench report {folder}")
+    print_lines(
+        *closing_lines(table), f"tables   {folder}/scores.csv", f"next     beambench report {quote(str(folder))}"
+    )
 
 
 def _scored(cell: Cell, factor: float) -> tuple[str, ...]:
@@ -136,7 +139,7 @@ def _export_text(path: Path, given: Arguments) -> None:
         )
     else:
         print_lines(f"file     {path}")
-    print_lines(_READ[given["to"]].format(data=given["data"], file=str(path / files[0]) if files else ""))
+    print_lines(_READ[given["to"]].format(data=quote(str(given["data"])), file=str(path / files[0]) if files else ""))
 
 
 EXPORT = command(

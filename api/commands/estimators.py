@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table
@@ -112,7 +113,9 @@ def _new_json(folder: Path, given: Arguments) -> dict[str, Any]:
 
 def _new_text(folder: Path, given: Arguments) -> None:
     name = given["name"]
-    print_lines(f"package  {folder}", f"next     pip install -e {folder} && beambench estimators check {name}")
+    print_lines(
+        f"package  {folder}", f"next     pip install -e {quote(str(folder))} && beambench estimators check {name}"
+    )
 
 
 NEW = command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table, size_text
@@ -51,7 +52,7 @@ def _text(made: Generated, given: Arguments) -> None:
     if given.get("fidelity") == "auto" and made.made is None:
         print_lines(*chosen_lines(made.paths))
     if made.made is not None:
-        print_lines(f"next     beambench data card {made.made.path}")
+        print_lines(f"next     beambench data card {quote(str(made.made.path))}")
 
 
 def _outline(told: dict[str, Any]) -> None:

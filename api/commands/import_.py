@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines
@@ -24,7 +25,9 @@ def _text(made: Imported, given: Arguments) -> None:
         print_lines(*([f"mapping  {made.out}", "next     fill in its question marks"] if made.out else [made.scaffold]))
         return
     print_lines(*(f"captures {path}: {count}" for path, count in made.stores.items()))
-    print_lines(f"next     beambench estimate {next(iter(made.stores))} -e NAME   (beambench estimators list)")
+    print_lines(
+        f"next     beambench estimate {quote(str(next(iter(made.stores))))} -e NAME   (beambench estimators list)"
+    )
 
 
 IMPORT = command(

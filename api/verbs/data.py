@@ -70,7 +70,7 @@ def data_verify(data: str | Path) -> list[Damage]:
     """Read every byte of a store and list the damage; the exit code is 1 if there is any.
 
     Main arguments:
-        data: The store.
+        data: The store; of one group of a data set the whole data set is read.
 
     Returns:
         The damaged files; none if the store is sound.
@@ -79,8 +79,11 @@ def data_verify(data: str | Path) -> list[Damage]:
         InputError: There is no store with an undamaged manifest.
     """
     from ..captures import verify
+    from ..captures.store.shard_manifest import is_sharded
 
-    return verify(data)
+    # A group of a data set is a store for its readers; what is listed of it stands in the data set's manifest.
+    whole = Path(data).absolute().parent
+    return verify(whole if is_sharded(whole) and not is_sharded(Path(data)) else data)
 
 
 def data_repair(data: str | Path, *, overwrite: bool = False, regenerate: bool = False) -> Recovery:

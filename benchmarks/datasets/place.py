@@ -63,7 +63,13 @@ def opened(
         pilots = pilot(draws, len(draws.data.scenes))
         request, expected_s = request_of(draws, identity, pilots), max(one.cpu_s for one in pilots.values())
         partial.parent.mkdir(parents=True, exist_ok=True)
-        partial.mkdir()
+        try:
+            partial.mkdir()
+        except FileExistsError as error:
+            raise InputError(
+                "Another command has begun this data set meanwhile.", where=str(partial), allowed="one command at a time",
+                next_step="wait for it; --resume goes on where it stopped, if it does",
+            ) from error  # fmt: skip
         with open(partial / JOURNAL, "xb") as file:
             mark_journal(file)
     with locked(partial / JOURNAL) as lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 from collections import Counter
@@ -22,8 +23,8 @@ def sharded_contents(root: Path) -> dict[str, Any]:
     """State, numbers of captures, groups and parts of a store of many captures, finished or not.
 
     `state` is "unfinished", "complete", "incomplete" (sound, but some captures that were asked for are not there) or "damaged";
-    `damaged` lists shards without a sound receipt or whole files, `dropped` captures that a repair had to drop, by their number in
-    the data set, and `missing` is the number of all captures that are not there.
+    `damaged` lists shards without a sound receipt or whole files, and files of metadata with another content, `dropped` captures
+    that a repair had to drop, by their number in the data set, and `missing` is the number of all captures that are not there.
 
     Raises:
         InputError: its manifest, or its request and the copy of it, is damaged.
@@ -35,6 +36,8 @@ def sharded_contents(root: Path) -> dict[str, Any]:
     places = {*_listed(root), *(manifest.shards if manifest is not None else ())}
     for place in sorted(places):
         known.add(root, place, manifest)
+    if manifest is not None:
+        known.damaged += [name for name, digest in manifest.metadata.items() if not _is(root / name, digest)]
     asked = int(request.get("count", 0))
     count = sum(known.captures.values())
     state = "complete" if asked <= count and not known.damaged else "damaged" if known.damaged else "incomplete"
@@ -54,6 +57,14 @@ def sharded_contents(root: Path) -> dict[str, Any]:
         "parts": dict(sorted(known.parts.items())), "content": manifest.content if manifest is not None else "",
         "bytes": sum(os.lstat(Path(place) / name).st_size for place, _, names in os.walk(root) for name in names),
     }  # fmt: skip
+
+
+def _is(path: Path, sha256: str) -> bool:
+    """Whether a file of the store has this content."""
+    try:
+        return regular_size(path) is not None and hashlib.sha256(path.read_bytes()).hexdigest() == sha256
+    except OSError:
+        return False
 
 
 def _listed(root: Path) -> list[tuple[str, int]]:
@@ -83,8 +94,10 @@ class _Known:
             return
         self.dropped += [held.index for held in receipt.lost]
         listed = None if manifest is None else manifest.shards.get(place)
+        group = root / receipt.group
         whole = listed is None or all(
-            regular_size(root / receipt.group / name / shard_key(receipt.shard, receipt.structure[name])) == size
+            not (group.is_symlink() or (group / name).is_symlink())
+            and regular_size(group / name / shard_key(receipt.shard, receipt.structure[name])) == size
             for name, size in listed.sizes.items()
             if name in receipt.structure
         )
