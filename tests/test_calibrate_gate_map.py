@@ -78,6 +78,13 @@ def test_the_rig_file_holds_the_map_and_a_scene_takes_it(tmp_path: Path) -> None
     assert scene.rig.gate_map.skew_s[0] == pytest.approx(_SKEW_S[0], rel=0.2)  # type: ignore[attr-defined]
 
 
+def test_a_curved_target_tells_no_map() -> None:
+    """A pixel of a sphere is not timed by the range of its middle: its map was told where the gate opened evenly."""
+    rig = {name: value for name, value in _scene(None, None).items() if name != "declared"}
+    capture = generate(load_scene("sphere", rig), seed=4)
+    assert delay_scan_values(read_scan(capture), capture["truth_range"].values).timing is None
+
+
 def test_pixels_that_look_past_the_light_say_nothing() -> None:
     """With a field ten times as wide as the light, an iris of 5 ns was told: it rested on a few dark pixels of the rim."""
     capture = generate(load_scene("flat-wall", _scene(_MAP, None) | {"rig.camera.pixel_pitch_m": 2.0e-4}), seed=3)

@@ -30,8 +30,8 @@ ORDER: dict[str, tuple[str, ...]] = {
         "load", "rig_files", "grown", "datasets",
     ),
     "captures": (
-        "quantities", "layouts", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5", "estimates",
-        "example", "export", "contents", "readers", "lazy", "exports", "imports", "drivers", "recording",
+        "quantities", "layouts", "padding", "validate", "store", "sources", "build", "compare", "hide", "public", "hdf5",
+        "estimates", "example", "export", "contents", "readers", "lazy", "exports", "imports", "drivers", "recording",
     ),
     "generator": (
         "rays", "bsdf", "water", "paths", "request", "model", "gated", "ranger", "laser_line", "wavefront", "models", "checked",

@@ -29,7 +29,7 @@ from .gated_gate_map import GateTiming, declared_map_s, gate_timing
 from .gated_noise import Found, dark_statistics, noise_statistics
 from .gated_scan import DelayScan, read_scan
 from .gated_single import fit_one_echo
-from .gated_survey import surveyed_delay
+from .gated_survey import is_flat, surveyed_delay
 from .gated_widths import ResponseFit, delays_before, lit_pixels
 from .procedure import Calibrated, Figure, Procedure
 
@@ -48,7 +48,7 @@ class ScanValues:
     Main arguments:
         numbers: {path: value and standard error}. pulse, gate: stretches of the declared shapes. told: whether these are told
         apart. fit: of the response. backscatter_e: mean light before the echo, electrons; NaN where no delay is before it.
-        slope: K G F². timing: of the gates of single pixels; None without a surveyed target.
+        slope: K G F². timing: of the gates of single pixels; None without a surveyed, flat target.
     """
 
     numbers: Mapping[str, Found]
@@ -82,7 +82,9 @@ def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValu
     rig = scan.rig
     noise, dark = noise_statistics(scan), dark_statistics(scan)
     known_s = None if range_m is None else surveyed_delay(scan, range_m)
-    timing = None if known_s is None else gate_timing(scan, known_s)
+    timing = None
+    if range_m is not None and known_s is not None and is_flat(scan, range_m):
+        timing = gate_timing(scan, known_s)
     fit = fit_one_echo(scan, known_s=None if known_s is None else known_s - _later(scan, timing))
     tube = rig.amplifier("detector.intensifier")
     slope, excess = noise["slope"], noise["excess"]
