@@ -21,6 +21,7 @@ from beambench.benchmarks.twin.gated_clauses import CLAUSES
 from beambench.benchmarks.twin.gated_curves import kendall
 from beambench.benchmarks.twin.page import certificate_page, interval_svg
 from beambench.benchmarks.twin.run import twin_kind_of
+from beambench.benchmarks.twin.uncertain import uncertain_of
 from beambench.benchmarks.twin.verdict import ALPHA, judged, with_tolerances
 
 GAIN = next(clause for clause in CLAUSES if clause.name == "gain")
@@ -100,9 +101,33 @@ def test_the_page_escapes_names_and_loads_nothing() -> None:
     assert "nan" not in interval_svg(found.clauses[0])
 
 
+def test_the_page_names_what_is_undecided_and_calls_an_agreement_no_difference() -> None:
+    """The ranking stood under «rig − twin» as «1 … 1, > 0 tolerated», with a least error of 1."""
+    ranking = next(clause for clause in CLAUSES if clause.name == "ranking")
+    twins = [{"gain": 1.0 + 0.02 * z, "ranking": 1.0} for z in np.random.default_rng(1).standard_normal(40)]
+    found = judged(
+        [GAIN, ranking],
+        Evidence({"gain": 1.0, "ranking": 1.0}, twins, {"ranking": 1.0}, {}, {}, (), intervals={"ranking": (1.0, 1.0)}),
+    )
+    certificate = Certificate(tuple(found), Evidence({}, twins, {}, {}, {}, ()), "m")
+    page = certificate_page(certificate, "real.zarr", [])
+    assert "noise is too great for the tolerance: Photon transfer." in page
+    assert "agreement of the two: 1 … 1<br>it must be above 0" in page
+    assert "> 0 tolerated" not in page
+    assert '<td class="num" data-is="least error">–</td>' in page
+
+
 def test_a_modality_without_clauses_says_so() -> None:
     with pytest.raises(InputError, match="no clauses"):
         twin_kind_of("amcw")
+
+
+@pytest.mark.parametrize("index", ["9", "x", "-1", "²"])
+def test_an_uncertainty_of_no_element_of_a_list_is_refused(index: str) -> None:
+    """It was an internal error, or another element's."""
+    data = {"rig": {"laser": {"position_m": [0.2, 0.0, 0.02]}}}
+    with pytest.raises(InputError, match="of no number"):
+        uncertain_of(data, {f"rig.laser.position_m.{index}": 1e-3})
 
 
 def test_exact_intervals() -> None:

@@ -27,8 +27,9 @@ def _text(made: Twin, given: Arguments) -> None:
         ("verdict", "clause", "rig", "twin", "unit", "rig − twin", "tolerance", "remark"),
         [
             (
-                one.verdict, one.clause.name, number(one.real), number(one.twin), one.clause.unit,
-                f"{number(one.low, 2)} … {number(one.high, 2)}", number(one.tolerance, 2), one.remark,
+                one.verdict if one.measured else "not measured", one.clause.name, number(one.real), number(one.twin),
+                one.clause.unit, f"{number(one.low, 2)} … {number(one.high, 2)}" if one.measured else "–",
+                f"{'> ' if one.clause.above and one.measured else ''}{number(one.tolerance, 2)}", one.remark,
             )
             for one in made.found.clauses
         ],

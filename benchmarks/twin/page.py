@@ -60,7 +60,16 @@ def sentence(certificate: Certificate) -> str:
         return f"The twin does not agree with the rig in {len(failed)} of {told} clauses that were decided: {'; '.join(failed)}."
     if not told:
         return "Nothing could be decided: no interval was narrow enough for its tolerance."
-    left = f" {_clauses(open_)} could not be decided: noise is too great for the tolerance." if open_ else ""
+    undecided = ", ".join(
+        one.clause.title.partition(":")[0]
+        for one in certificate.clauses
+        if one.verdict == "cannot tell" and one.measured
+    )
+    left = (
+        f" {_clauses(open_)} could not be decided, since noise is too great for the tolerance: {undecided}."
+        if open_
+        else ""
+    )
     none = certificate.not_shown
     unseen = f" {_clauses(none)} could not be measured in this recording." if none else ""
     return f"The twin agrees with the rig in all {told} clauses that were decided.{left}{unseen}"
@@ -84,16 +93,16 @@ def _shown(one: Judged) -> dict[str, Any]:
     known = math.isfinite(one.low) and math.isfinite(one.high)
     unit = "" if clause.unit == "1" else f" {clause.unit}"
     interval = f"{number(one.low, 3)} … {number(one.high, 3)}{unit}" if known else "–"
-    tolerance = (
-        f"{'> ' if clause.above else '± '}{number(one.tolerance, 3)}{unit}" if math.isfinite(one.tolerance) else "–"
-    )
+    tolerance = f"± {number(one.tolerance, 3)}{unit} tolerated" if math.isfinite(one.tolerance) else "–"
+    if known and clause.above:
+        interval, tolerance = f"agreement of the two: {interval}", f"it must be above {number(one.tolerance, 3)}"
     return {
         "name": clause.name,
         "title": clause.title,
         "unit": clause.unit,
         "real": number(one.real),
         "twin": number(one.twin),
-        "bound": number(one.bound, 2),
+        "bound": "–" if clause.above else number(one.bound, 2),
         "interval": interval,
         "tolerance": tolerance,
         "verdict": one.verdict,

@@ -86,7 +86,12 @@ def held_at(data: Any, path: str) -> Any:
     """What plain data hold at a path, None where there is nothing."""
     node = data
     for key in path.split("."):
-        node = node[int(key)] if isinstance(node, list) else node.get(key) if isinstance(node, Mapping) else None
+        if isinstance(node, list):
+            node = (
+                node[int(key)] if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(node) else None
+            )
+        else:
+            node = node.get(key) if isinstance(node, Mapping) else None
     return node
 
 

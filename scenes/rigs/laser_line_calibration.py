@@ -37,6 +37,8 @@ PATHS = (
 )  # fmt: skip
 #: Least eigenvalue of correlations, rounding allowed for; step [degree] of derivatives by an angle.
 _NEGATIVE, _STEP_DEG = -1e-9, 1e-3
+#: The greatest variance: beyond it nothing is known, and sums leave the numbers of a file.
+_MOST = 1e12
 
 
 class LineCalibration(Spec):
@@ -56,8 +58,18 @@ class LineCalibration(Spec):
         if any(len(row) != len(self.paths) for row in self.covariance) or len(self.covariance) != len(self.paths):
             raise ValueError("covariance should have as many rows and columns as there are paths")
         matrix = np.array(self.covariance)
-        scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-        unit = matrix / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
+        variance = np.diag(matrix)
+        if (
+            variance.min() < 0
+            or variance.max() > _MOST
+            or matrix[variance == 0].any()
+            or matrix[:, variance == 0].any()
+        ):
+            raise ValueError(
+                f"covariance should hold variances from 0 to {_MOST:g} on its diagonal, and 0 beside a variance of 0"
+            )
+        scale = np.sqrt(np.where(variance > 0, variance, 1.0))
+        unit = matrix / np.outer(scale, scale)
         if np.abs(unit - unit.T).max() > 1e-9 or np.linalg.eigvalsh(unit).min() < _NEGATIVE:
             raise ValueError("covariance should be symmetric, without negative eigenvalues")
         return self
