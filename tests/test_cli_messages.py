@@ -97,6 +97,7 @@ def test_a_file_with_a_byte_order_mark_and_foreign_line_ends_is_read(tmp_path: P
         (["run", "flat-wall"], "next:    beambench generate flat-wall"),
         (["run", "gated-1k"], "This is a data set, not a suite."),
         (["run", "near.toml"], "This is a scene, not a suite."),
+        (["run", "many.toml"], "This is a data set, not a suite."),
         (["generate", "flat-wall", "--rtol", "5p"], '"5p" is not a fraction: 0.05, 5%, noise'),
         (["scenes", "new", "mine", "--like", "flat-wal"], "did you mean flat-wall"),
         (["suites", "new", "a/b"], "letters, digits"),
@@ -107,6 +108,7 @@ def test_a_wrong_command_line_says_what_to_type(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     beambench.scenes_new("near", like="step")
+    Path("many.toml").write_text('schema_version = 1\ndataset = "many"\ncaptures = 2\nseed = 1\n', encoding="utf-8")
     assert main(typed) == 2
     message = capsys.readouterr().err
     assert wanted in message, message

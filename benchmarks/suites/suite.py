@@ -148,6 +148,8 @@ def load_suite(source: str | Path | Mapping[str, Any], overrides: Mapping[str, A
         data, where, folder, own = read_spec_file(path), str(source), path.parent, False
         if "rig" in data and not {"scenes", "parts"} & set(data):
             raise _not_a_suite(str(source), "scene")
+        if "dataset" in data and "suite" not in data:
+            raise _not_a_suite(str(source), "data set")
     of_suite, of_scenes = _split(overrides or {})
     of_variants = {path: value for path, value in of_suite.items() if path.split(".")[0] == "variants"}
     data = apply_overrides(data, of_variants) if of_variants else data
