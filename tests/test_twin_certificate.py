@@ -117,6 +117,14 @@ def test_the_page_names_what_is_undecided_and_calls_an_agreement_no_difference()
     assert '<td class="num" data-is="least error">–</td>' in page
 
 
+def test_arrows_of_wide_intervals_are_whole() -> None:
+    """Their tips lay outside of the picture."""
+    drawn = interval_svg(judged([GAIN], _evidence(1.0, 0.2))[0])
+    starts = re.findall(r"M([\d.]+) 5 l(-?\d+) 5", drawn)
+    assert len(starts) == 2
+    assert all(1.0 <= float(x) + int(by) <= 149.0 for x, by in starts)
+
+
 def test_a_modality_without_clauses_says_so() -> None:
     with pytest.raises(InputError, match="no clauses"):
         twin_kind_of("amcw")

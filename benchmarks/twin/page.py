@@ -132,7 +132,7 @@ def interval_svg(one: Judged) -> str:
     line = f'<line x1="{left:.1f}" x2="{max(right, left + 1):.1f}" y1="10" y2="10" stroke="{colour}" stroke-width="3"/>'
     dot = f'<circle cx="{middle:.1f}" cy="10" r="3.6" fill="{colour}"/>'
     ends = "".join(
-        f'<path d="M{x(value):.1f} 5 l{5 * side} 5 l{-5 * side} 5" fill="none" stroke="{colour}" stroke-width="2"/>'
+        f'<path d="M{x(value) - 4 * side:.1f} 5 l{5 * side} 5 l{-5 * side} 5" fill="none" stroke="{colour}" stroke-width="2"/>'
         for value, side in ((one.low, -1), (one.high, 1))
         if abs(value) > 0.98 * _SPAN * one.tolerance
     )

@@ -113,8 +113,8 @@ def _one(clause: Clause, found: tuple[float, float, float], half: float, level: 
         # Noise falls with the root of the frames at best.
         times = max(((half + abs(difference)) / tolerance) ** 2, 2.0)
         remark = (
-            f"the interval, ± {half:.2g}{unit}, is too wide for the tolerance: record at least {_times(times)} times as many "
-            f"{clause.more}"
+            f"the interval, ± {half:.2g}{unit} about the difference, leaves the tolerance: record at least "
+            f"{_times(times)} times as many {clause.more}"
         )
     coverage = evidence.coverage.get(clause.name, 1.0)
     return Judged(clause, real, twin, bound, low, high, level, tolerance, verdict, remark, coverage)
