@@ -40,7 +40,7 @@ def test_iris_and_skew_are_found_with_their_errors() -> None:
     """Eight captures, three numbers each: errors over stated errors are 1 rms (.65 to 1.35 are 3 standard errors of 24)."""
     z = []
     for seed in range(8):
-        timing = delay_scan_values(*_scan(seed, _MAP, None)).timing
+        timing = delay_scan_values(*_scan(seed, _MAP, None), mapped=True).timing
         assert timing is not None and timing.told
         for found, true in ((timing.iris, _IRIS_S), (timing.skew_x, _SKEW_S[0]), (timing.skew_y, _SKEW_S[1])):
             assert found.sigma < 8e-12
@@ -50,19 +50,21 @@ def test_iris_and_skew_are_found_with_their_errors() -> None:
 
 def test_an_even_gate_is_called_even_and_time_zero_is_that_of_the_middle() -> None:
     scan, range_m = _scan(3, None, None)
-    even = delay_scan_values(scan, range_m)
+    even = delay_scan_values(scan, range_m, mapped=True)
     assert even.timing is not None and not even.timing.told
     assert even.timing.scatter_s < 2e-12
-    mapped = delay_scan_values(*_scan(3, _MAP, None))
+    mapped = delay_scan_values(*_scan(3, _MAP, None), mapped=True)
     t0 = mapped.numbers["rig.t0_s"]
     assert abs(t0.value) < 4 * t0.sigma + 3e-12, "the map's mean is no time zero"
     assert mapped.pulse.value == pytest.approx(even.pulse.value, abs=4 * np.hypot(mapped.pulse.sigma, even.pulse.sigma))
 
 
 def test_a_declared_map_is_not_time_zero() -> None:
-    found = delay_scan_values(*_scan(5, _MAP, _MAP))
+    found = delay_scan_values(*_scan(5, _MAP, _MAP), mapped=True)
     t0 = found.numbers["rig.t0_s"]
     assert abs(t0.value) < 4 * t0.sigma + 3e-12
+    plain = delay_scan_values(*_scan(5, _MAP, _MAP)).numbers["rig.t0_s"]
+    assert abs(plain.value) < 4 * plain.sigma + 3e-12, "declared maps hold without a calibration of them"
     assert found.timing is not None
     assert np.ptp(found.timing.offset_s) == pytest.approx(np.ptp(gate_offset_map(20, 28, _IRIS_S, _SKEW_S)), rel=0.1)
 
@@ -82,13 +84,13 @@ def test_a_curved_target_tells_no_map() -> None:
     """A pixel of a sphere is not timed by the range of its middle: its map was told where the gate opened evenly."""
     rig = {name: value for name, value in _scene(None, None).items() if name != "declared"}
     capture = generate(load_scene("sphere", rig), seed=4)
-    assert delay_scan_values(read_scan(capture), capture["truth_range"].values).timing is None
+    assert delay_scan_values(read_scan(capture), capture["truth_range"].values, mapped=True).timing is None
 
 
 def test_pixels_that_look_past_the_light_say_nothing() -> None:
     """With a field ten times as wide as the light, an iris of 5 ns was told: it rested on a few dark pixels of the rim."""
     capture = generate(load_scene("flat-wall", _scene(_MAP, None) | {"rig.camera.pixel_pitch_m": 2.0e-4}), seed=3)
-    timing = delay_scan_values(read_scan(capture), capture["truth_range"].values).timing
+    timing = delay_scan_values(read_scan(capture), capture["truth_range"].values, mapped=True).timing
     assert timing is None
 
 
@@ -102,5 +104,5 @@ def test_a_scan_that_misses_the_target_is_refused() -> None:
 
 def test_without_a_survey_no_map_is_stated() -> None:
     scan, _ = _scan(2, _MAP, None)
-    assert delay_scan_values(scan).timing is None
+    assert delay_scan_values(scan, mapped=True).timing is None
     assert DELAY_SCAN.line

@@ -70,11 +70,13 @@ def known_range(capture: xr.Dataset) -> Float | None:
     return held if np.isfinite(held).all() else None
 
 
-def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValues:
+def delay_scan_values(scan: DelayScan, range_m: Float | None = None, *, mapped: bool = False) -> ScanValues:
     """Calibrate a rig from a scan, with what is declared as the start.
 
     Main arguments:
         scan: of a target that fills the image. range_m: its surveyed ranges (row, col), None if unknown.
+    Other arguments:
+        mapped: find the gates of single pixels, too, if the target is surveyed and flat; time zero is then that of the middle.
 
     Raises:
         InputError: as `fit_one_echo`; a declared rig without detector.
@@ -83,7 +85,7 @@ def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValu
     noise, dark = noise_statistics(scan), dark_statistics(scan)
     known_s = None if range_m is None else surveyed_delay(scan, range_m)
     timing = None
-    if range_m is not None and known_s is not None and is_flat(scan, range_m):
+    if mapped and range_m is not None and known_s is not None and is_flat(scan, range_m):
         timing = gate_timing(scan, known_s)
     fit = fit_one_echo(scan, known_s=None if known_s is None else known_s - _later(scan, timing))
     tube = rig.amplifier("detector.intensifier")
@@ -110,9 +112,9 @@ def delay_scan_values(scan: DelayScan, range_m: Float | None = None) -> ScanValu
 
 def _later(scan: DelayScan, timing: GateTiming | None) -> Float | float:
     """How much later the gate of each pixel opens (pixel), s: as found, or as declared where it cannot be told."""
-    declared = declared_map_s(scan)
-    if timing is not None and (timing.told or declared is not None):
+    if timing is not None and timing.told:
         return timing.offset_s
+    declared = declared_map_s(scan)
     return 0.0 if declared is None else declared
 
 
@@ -161,7 +163,7 @@ def _lacking(captures: Sequence[xr.Dataset]) -> str:
 def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
     capture = captures[0]
     scan = read_scan(capture)
-    found = delay_scan_values(scan, known_range(capture))
+    found = delay_scan_values(scan, known_range(capture), mapped=True)
     figures = [
         Figure(path.rpartition(".")[2], _unit(path), one.value, one.sigma, path, _NOTES.get(path, ""))
         for path, one in found.numbers.items()
@@ -202,9 +204,8 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
     ]
     values, sigmas = _shapes(scan, found)
     if found.timing is not None:
-        held = found.timing.told or declared_map_s(scan) is not None
-        figures += _of_timing(found.timing, held=held)
-        if held:
+        figures += _of_timing(found.timing)
+        if found.timing.told:
             skew = [found.timing.skew_x.value, found.timing.skew_y.value]
             values["rig.gate_map"] = {"iris_s": found.timing.iris.value, "skew_s": skew}
     used = {
@@ -218,9 +219,10 @@ def _run(captures: Sequence[xr.Dataset]) -> Calibrated:
     return Calibrated(tuple(figures), values, sigmas, used)
 
 
-def _of_timing(timing: GateTiming, *, held: bool) -> list[Figure]:
-    """Figures of the gate map; `held`: whether the rig file holds it."""
-    note = "" if held else "the gate opens evenly, as far as the scan tells: no map is written"
+def _of_timing(timing: GateTiming) -> list[Figure]:
+    """Figures of the gate map; the rig file holds one that is told."""
+    even = "an even gate, as far as the scan tells, or light that water scatters, which looks alike: no map is written"
+    note = "" if timing.told else even
     rows = (
         ("iris", timing.iris, "iris_s"),
         ("skew along x", timing.skew_x, "skew_s.0"),
@@ -228,7 +230,7 @@ def _of_timing(timing: GateTiming, *, held: bool) -> list[Figure]:
     )
     return [
         *(
-            Figure(f"gate, {name}", "s", one.value, one.sigma, f"rig.gate_map.{path}" if held else "", note)
+            Figure(f"gate, {name}", "s", one.value, one.sigma, f"rig.gate_map.{path}" if timing.told else "", note)
             for name, one, path in rows
         ),
         Figure("gate, single pixels", "s", timing.scatter_s, math.nan, "", "rms about the map beyond their noise"),

@@ -42,7 +42,8 @@ class GateTiming:
     """A map of gates.
 
     Main arguments:
-        iris, skew_x, skew_y: k, s_x and s_y, s. told: whether they differ from those of an even gate.
+        iris, skew_x, skew_y: k, s_x and s_y, s. told: whether they differ from those of an even gate; never in a medium that
+            scatters, whose light looks alike.
         offset_s: k ρ² + s_x x + s_y y of each pixel (pixel), s.
     Other arguments:
         scatter_s: rms distance of single pixels from the map, beyond their noise, s; 0 where noise explains it. chi2: per degree of
@@ -96,10 +97,15 @@ def gate_timing(scan: DelayScan, known_s: Float) -> GateTiming | None:
         weight = kept
     chi2 = float((weight * rest**2).sum()) / (int(counted.sum()) - 4)
     covariance = inverse * max(chi2, 1.0)
-    told = float(value[1:] @ np.linalg.solve(covariance[1:, 1:], value[1:])) > _TOLD
+    told = _clear(scan) and float(value[1:] @ np.linalg.solve(covariance[1:, 1:], value[1:])) > _TOLD
     beyond = float((weight * rest**2).sum() / weight.sum()) * max(1.0 - 1.0 / max(chi2, 1e-9), 0.0)
     iris, skew_x, skew_y = (Found(float(value[k]), math.sqrt(covariance[k, k])) for k in (1, 2, 3))
     return GateTiming(iris, skew_x, skew_y, told, design[:, 1:] @ value[1:], math.sqrt(beyond), chi2)
+
+
+def _clear(scan: DelayScan) -> bool:
+    """Whether the declared medium scatters nothing: what it scatters comes early, more of it at the rim, as from an iris."""
+    return float(scan.rig.get("medium.scattering_per_m") or 0.0) == 0.0
 
 
 def _design(rows: int, cols: int) -> Float:
