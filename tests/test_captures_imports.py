@@ -178,6 +178,7 @@ def test_a_stack_of_pictures_becomes_a_capture(recording: list[Path], tmp_path: 
         ("[data.counts] => [data.count]", "no such variable"),
         ("schema_version = 1 => schema = 1", "Unknown key"),
         ('"rig.camera.rows" = 12 => "rig.camera.row" = 12', "Unknown key"),
+        ('"rig.camera.rows" = 12 => "rig.camera.rows" = 64', "another size than the rig's camera"),
     ],
 )
 def test_a_wrong_mapping_is_refused(change: str, said: str, recording: list[Path], tmp_path: Path) -> None:

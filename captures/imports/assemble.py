@@ -22,6 +22,8 @@ from .mapping import Capture, Clean, Mapping, RigSource
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ..layouts.layout import Layout
+
 __all__ = ["Register", "assembled"]
 
 #: (data, coordinates, rig, parameters) -> (data, rig): what is found in the recording itself.
@@ -73,11 +75,27 @@ def _capture(mapping: Mapping, one: Capture, files: Files, register: Register | 
     data = groups["data"]
     if register is not None:
         data, rig = register(data, groups["coords"], rig, mapping.rig.parameters)
+    _check_size(data, rig, layout)
     attrs = {
         "rig": rig, "truth_kind": mapping.truth_kind, "averaged": True if mapping.averaged else None,
         "provenance": provenance({"import": _told(mapping, one, files, name)}),
     }  # fmt: skip
     return make_capture(mapping.modality, data, groups["coords"], groups["truth"], attrs)
+
+
+def _check_size(data: dict[str, Any], rig: dict[str, Any], layout: Layout) -> None:
+    """Refuse images of another size than that of the rig's camera, which estimators would refuse one by one."""
+    camera = rig.get("camera")
+    dims = layout.by_name[layout.data].dims
+    if layout.data not in data or not isinstance(camera, dict) or dims[-2:] != ("row", "col"):
+        return
+    size, stated = np.shape(data[layout.data])[-2:], (camera.get("rows"), camera.get("cols"))
+    if all(isinstance(n, int) for n in stated) and size != stated:
+        raise InputError(
+            "The images have another size than the rig's camera.", where=f"data.{layout.data}",
+            value=" × ".join(map(str, size)), allowed=" × ".join(map(str, stated)),
+            next_step='state the recorded part of the chip in the mapping: [rig.overrides] "rig.camera.rows", "rig.camera.cols"',
+        )  # fmt: skip
 
 
 def _told(mapping: Mapping, one: Capture, files: Files, name: str) -> dict[str, Any]:
