@@ -64,7 +64,8 @@ def _told(
     return InputError(
         what.get(first["type"], "A value is not allowed."),
         where=f"{where}: {_key_path(first, data)}",
-        value=None if first["type"] == "missing" else first.get("input"),
+        # A rule of a whole table says by itself what is wrong in it; all of the table again would hide that.
+        value=None if first["type"] == "missing" or not first["loc"] else first.get("input"),
         allowed=wanted(first) + _near(first, known) + more,
         next_step=next_step,
     )

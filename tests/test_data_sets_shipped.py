@@ -102,3 +102,17 @@ def test_a_data_set_that_another_command_has_begun_is_told(tmp_path: Path, monke
     monkeypatch.setattr(place, "pilot", slow)
     with pytest.raises(InputError, match="Another command has begun this data set"):
         beambench.generate("gated-1k", overrides={"captures": 2, "split": None}, out=tmp_path / "set", workers=1)
+
+
+def test_an_unknown_name_in_an_expression_is_told_with_its_place() -> None:
+    """The message was at «(whole)» and held the whole file in place of the name that is meant."""
+    albedo = {"kind": "uniform", "low": 0.1, "high": 0.9, "paths": ["target.0.material.albedo"]}
+    wrong = {"kind": "expression", "text": "albdo * 2", "paths": ["rig.ambient_e_per_s"]}
+    data = {
+        "schema_version": 1, "dataset": "mine", "captures": 2, "seed": 1, "fidelity": "direct", "rtol": 0.01,
+        "scenes": [{"scene": "flat-wall"}], "parameters": {"albedo": albedo, "ambient": wrong},
+    }  # fmt: skip
+    with pytest.raises(InputError, match="did you mean albedo") as caught:
+        load_dataset(data)
+    assert "parameters.ambient.text: albdo" in str(caught.value)
+    assert "schema_version" not in str(caught.value)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ..base import Fraction, Positive, Spec
+from ..nearest import did_you_mean
 from .distributions import Distribution, Expressed
 from .expressions import FUNCTIONS, Expression
 
@@ -208,7 +209,8 @@ def order_of(data: Dataset) -> list[str]:
     }
     for name, others in needs.items():
         if unknown := sorted(others - {*data.parameters}):
-            raise ValueError(f"parameters.{name}.text needs {unknown}, which no parameter is named")
+            near = did_you_mean(unknown[0], {*data.parameters} - {name}, f"there are {', '.join(data.parameters)}")
+            raise ValueError(f"parameters.{name}.text: {', '.join(unknown)}, which no parameter is named ({near})")
         own = {*data.parameters[name].scenes} or {one.label for one in data.scenes}
         for other in others:
             if (held := data.parameters[other].scenes) and not own <= {*held}:
