@@ -26,7 +26,7 @@ from .turns import Turn
 if TYPE_CHECKING:
     prange = range
 
-__all__ = ["GIVEN_HASH", "c_callback", "cache_folder", "damaged_files", "kernel", "prange", "source_hash"]
+__all__ = ["GIVEN_HASH", "c_callback", "cache_folder", "damaged_files", "kernel", "prange", "source_hash", "user_cache"]
 
 _DIGEST_BYTES = 32
 #: Environment variable in which a runner gives the hash of the sources to its children.
@@ -63,11 +63,15 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
+def user_cache() -> Path:
+    """(user cache)/beambench, which need not exist or be writable."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")) / "beambench"
+
+
 @lru_cache(maxsize=1)
 def cache_folder() -> Path:
     """The writable folder for compiled kernels: (user cache)/beambench/numba/(source hash), else a temporary one."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(base) / "beambench" / "numba" / source_hash()
+    folder = user_cache() / "numba" / source_hash()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

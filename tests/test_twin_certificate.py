@@ -19,10 +19,12 @@ from beambench.benchmarks.twin.certificate import Certificate
 from beambench.benchmarks.twin.clause import Evidence
 from beambench.benchmarks.twin.gated_clauses import CLAUSES
 from beambench.benchmarks.twin.gated_curves import kendall
+from beambench.benchmarks.twin.gated_rig import uncertain_of as gated_uncertain_of
 from beambench.benchmarks.twin.page import certificate_page, interval_svg
 from beambench.benchmarks.twin.run import twin_kind_of
 from beambench.benchmarks.twin.uncertain import uncertain_of
 from beambench.benchmarks.twin.verdict import ALPHA, judged, with_tolerances
+from beambench.scenes.load import load_scene
 
 GAIN = next(clause for clause in CLAUSES if clause.name == "gain")
 
@@ -136,6 +138,12 @@ def test_an_uncertainty_of_no_element_of_a_list_is_refused(index: str) -> None:
     data = {"rig": {"laser": {"position_m": [0.2, 0.0, 0.02]}}}
     with pytest.raises(InputError, match="of no number"):
         uncertain_of(data, {f"rig.laser.position_m.{index}": 1e-3})
+
+
+@pytest.mark.parametrize("path", ["rig.gates.9.step_s", "rig.gates.99999999999.step_s", "rig.laser.pulse.step_s.x"])
+def test_a_gated_twin_refuses_an_uncertainty_of_no_element_too(path: str) -> None:
+    with pytest.raises(InputError, match="of no number"):
+        gated_uncertain_of(load_scene("flat-wall"), {path: 1e-12})
 
 
 def test_exact_intervals() -> None:

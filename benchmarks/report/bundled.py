@@ -11,7 +11,8 @@ import hashlib
 import os
 import tempfile
 from importlib.metadata import version
-from pathlib import Path
+
+from ...optics.jit import user_cache
 
 __all__ = ["chart_library"]
 
@@ -21,8 +22,7 @@ _DIGITS = 64
 def chart_library(exports: str) -> str:
     """The text of a script with Vega, Vega-Lite and Vega-Embed, which runs `exports` at its end."""
     name = hashlib.sha256(f"{version('vl-convert-python')}\n{exports}".encode()).hexdigest()[:16]
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    path = Path(base) / "beambench" / "pages" / f"charts-{name}.js"
+    path = user_cache() / "pages" / f"charts-{name}.js"
     with contextlib.suppress(OSError, UnicodeDecodeError):
         digest, kept = (text := path.read_bytes().decode())[:_DIGITS], text[_DIGITS:]
         if hashlib.sha256(kept.encode()).hexdigest() == digest:

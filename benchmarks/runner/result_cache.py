@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ...captures.layouts import stage_of
+from ...optics.jit import user_cache
 from ...scenes.errors import InputError
 from ...scenes.npz import read_npz
 from ..folders.record import machine, versions
@@ -38,8 +39,7 @@ _COSTS = ("cpu_s", "wall_s", "peak_bytes")
 
 def cache_root() -> Path:
     """(user cache)/beambench/results."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(base) / "beambench" / "results"
+    return user_cache() / "results"
 
 
 @lru_cache(maxsize=64)

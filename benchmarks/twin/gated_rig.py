@@ -17,6 +17,7 @@ from ...scenes.load import load_scene
 from ...scenes.overrides import apply_overrides
 from ...scenes.rigs.gated import gated_rig
 from ...scenes.scene import Scene
+from .uncertain import held_at
 
 __all__ = ["Uncertain", "perturbed", "stretched", "twin_scene", "uncertain_of"]
 
@@ -157,15 +158,7 @@ def uncertain_of(scene: Scene, sigmas: Mapping[str, float]) -> Uncertain:
     shapes: dict[str, float] = {}
     values: dict[str, float] = {}
     for path, sigma in sigmas.items():
-        node: Any = data
-        for key in path.split("."):
-            node = (
-                node[int(key)]
-                if isinstance(node, list) and key.isdigit()
-                else node.get(key)
-                if isinstance(node, dict)
-                else None
-            )
+        node = held_at(data, path)
         shape = next((one for one in _SHAPES if path.startswith(f"{one}.")), None)
         if isinstance(node, bool) or not isinstance(node, int | float) or (shape is not None and not node):
             raise InputError(
@@ -190,14 +183,14 @@ def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> S
     data = scene.model_dump(mode="json")
     changes: dict[str, Any] = {}
     for path, sigma in uncertain.values.items():
-        changes[path] = _held(data, path) + sigma * float(rng.standard_normal())
+        changes[path] = held_at(data, path) + sigma * float(rng.standard_normal())
     if _EXCESS in changes:
         changes[_EXCESS] = max(changes[_EXCESS], 1.0)
-        gain = changes.get(_GAIN, _held(data, _GAIN))
-        changes[_GAIN] = gain * _held(data, _EXCESS) / changes[_EXCESS]
-    relative = changes.get(_GAIN, _held(data, _GAIN)) / _held(data, _GAIN)
+        gain = changes.get(_GAIN, held_at(data, _GAIN))
+        changes[_GAIN] = gain * held_at(data, _EXCESS) / changes[_EXCESS]
+    relative = changes.get(_GAIN, held_at(data, _GAIN)) / held_at(data, _GAIN)
     for path in ("rig.detector.read_noise_e", "rig.detector.dsnu_e"):
-        changes[path] = changes.get(path, _held(data, path)) / relative
+        changes[path] = changes.get(path, held_at(data, path)) / relative
     for path in (
         "rig.detector.read_noise_e",
         "rig.detector.prnu",
@@ -207,12 +200,5 @@ def perturbed(scene: Scene, uncertain: Uncertain, rng: np.random.Generator) -> S
         if path in changes:
             changes[path] = max(changes[path], 0.0)
     for path, sigma in uncertain.shapes.items():
-        changes[path] = stretched(_held(data, path), 1.0 + sigma * float(rng.standard_normal()))
+        changes[path] = stretched(held_at(data, path), 1.0 + sigma * float(rng.standard_normal()))
     return load_scene(apply_overrides(data, changes)) if changes else scene
-
-
-def _held(data: Any, path: str) -> Any:
-    node = data
-    for key in path.split("."):
-        node = node[int(key)] if isinstance(node, list) else node[key]
-    return node

@@ -36,6 +36,7 @@ __all__ = [
     "check_metadata",
     "check_metadata_files",
     "chunk_mark",
+    "in_a_link",
     "load_manifest",
     "mark_of",
     "read_problem",
@@ -233,6 +234,11 @@ def regular_size(path: Path) -> int | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     return status.st_size if stat.S_ISREG(status.st_mode) else None
+
+
+def in_a_link(path: Path) -> bool:
+    """Whether the folder of a shard's file, GROUP/ARRAY, or that of its group is a link."""
+    return path.parent.is_symlink() or path.parent.parent.is_symlink()
 
 
 def chunk_mark(path: Path) -> Mark:

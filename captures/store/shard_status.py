@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 from collections import Counter
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
-from .manifest import regular_size
+from .manifest import check_metadata_files, in_a_link, regular_size
 from .shard_chunks import shard_key
 from .shard_finish import read_request
 from .shard_manifest import ShardedManifest, load_sharded
@@ -37,7 +36,7 @@ def sharded_contents(root: Path) -> dict[str, Any]:
     for place in sorted(places):
         known.add(root, place, manifest)
     if manifest is not None:
-        known.damaged += [name for name, digest in manifest.metadata.items() if not _is(root / name, digest)]
+        known.damaged += [name for name, _ in check_metadata_files(root, manifest.metadata)]
     asked = int(request.get("count", 0))
     count = sum(known.captures.values())
     state = "complete" if asked <= count and not known.damaged else "damaged" if known.damaged else "incomplete"
@@ -57,14 +56,6 @@ def sharded_contents(root: Path) -> dict[str, Any]:
         "parts": dict(sorted(known.parts.items())), "content": manifest.content if manifest is not None else "",
         "bytes": sum(os.lstat(Path(place) / name).st_size for place, _, names in os.walk(root) for name in names),
     }  # fmt: skip
-
-
-def _is(path: Path, sha256: str) -> bool:
-    """Whether a file of the store has this content."""
-    try:
-        return regular_size(path) is not None and hashlib.sha256(path.read_bytes()).hexdigest() == sha256
-    except OSError:
-        return False
 
 
 def _listed(root: Path) -> list[tuple[str, int]]:
@@ -94,13 +85,12 @@ class _Known:
             return
         self.dropped += [held.index for held in receipt.lost]
         listed = None if manifest is None else manifest.shards.get(place)
-        group = root / receipt.group
-        whole = listed is None or all(
-            not (group.is_symlink() or (group / name).is_symlink())
-            and regular_size(group / name / shard_key(receipt.shard, receipt.structure[name])) == size
-            for name, size in listed.sizes.items()
+        files = {
+            root / receipt.group / name / shard_key(receipt.shard, receipt.structure[name]): size
+            for name, size in (listed.sizes.items() if listed is not None else ())
             if name in receipt.structure
-        )
+        }
+        whole = all(not in_a_link(file) and regular_size(file) == size for file, size in files.items())
         if not whole:
             self.damaged.append(receipt_name(*place))
             return

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ...scenes.errors import InputError
-from .manifest import DamagedManifest, check_metadata_files, read_problem, regular_size
+from .manifest import DamagedManifest, check_metadata_files, in_a_link, read_problem, regular_size
 from .ownership import sharded_foreign
 from .shard_chunks import shard_key
 from .shard_finish import read_request, request_bytes
@@ -112,7 +112,7 @@ def _file_damage(root: Path, receipt: Receipt, name: str, first: int) -> Iterato
     path = root / receipt.group / name / shard_key(receipt.shard, entry)
     where = str(path.relative_to(root))
     numbers = range(first, first + len(receipt.captures))
-    if path.parent.is_symlink() or path.parent.parent.is_symlink():
+    if in_a_link(path):
         yield from (Damage(where, "its folder is a link", number) for number in numbers)
         return
     size = file_size(receipt, name)
