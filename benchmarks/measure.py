@@ -18,8 +18,10 @@ from .judges.mismatch import wrongly_declared
 from .report.as_measured import as_measured
 from .report.picture_files import Place, picture_index, write_picture
 from .rungs import Rungs
+from .runner.ahead import Ahead
 from .runner.costs import cost_row
 from .runner.estimator_labels import Chosen
+from .runner.forked import Prepared
 from .runner.protocol import content_id
 from .runner.result_cache import ResultCache
 from .runner.session import Job, Outcome, Session, run_sessions
@@ -75,6 +77,9 @@ class Measuring:
         self.slips: list[dict[str, Any]] = []
         self.tiles: dict[TileKey, tuple[Any, Any]] = {}
         self.inputs: list[dict[str, Any]] = []
+        #: Forks the processes of built-in estimators, and compiles for them, while a run has both.
+        self.prepared: Prepared | None = None
+        self.ahead: Ahead | None = None
         self._device = str(machine()["device_class"])
         self.warnings: list[str] = []
         self.rungs = Rungs(loaded.suite.suite, loaded.own_rungs())
@@ -99,12 +104,17 @@ class Measuring:
         self.stages[stage] += time.perf_counter() - tick
         return result
 
+    def rounded_stages(self) -> dict[str, float]:
+        """Wall time of each stage, to a millisecond, s."""
+        return {name: round(value, 3) for name, value in self.stages.items()}
+
     def spool_cell(self, spool: Spool, index: int, cell: Cell) -> Entry:
         """Generate a capture, or read it when resuming; store it, and write it for the child processes."""
         from .judges.bound import bounds_of, truths_of
         from .judges.drawn import with_draws
 
         capture = self._capture(cell)
+        self._compile(spool, index, cell, capture)
         self.rungs.add(cell, capture)
         bounds = with_draws(
             self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
@@ -115,6 +125,15 @@ class Measuring:
             {self._told(cell, name): content_id(entry.sums, name) for name in self.loaded.conditions(cell.scene_name)},
         )
         return entry
+
+    def _compile(self, spool: Spool, index: int, cell: Cell, capture: xr.Dataset) -> None:
+        """Compile the kernels of the estimators that read a capture, beside what else is done with it."""
+        labels = [label for label in sorted(self._readers[cell.scene_name]) if self.ahead and self.ahead.lacks(label)]
+        if self.ahead is None or not labels:
+            return
+        job = spool.beside(index, capture)
+        for label in labels:
+            self.ahead.add(label, job)
 
     def _told(self, cell: Cell, condition: str) -> str:
         """The name of a condition in tables."""
@@ -162,6 +181,8 @@ class Measuring:
     def estimate(self, spool: Spool, batch: list[Entry]) -> None:
         """Run every estimator on the spooled captures, score the results, and delete the captures."""
         tick = time.perf_counter()
+        if self.ahead is not None:
+            self.ahead.stop()
         entries = {entry.index: entry for entry in batch}
         # A child of its own for each condition, which cannot remember the exact rig of another.
         asked = [(chosen, condition) for chosen in self.chosen for condition in self.suite.conditions]
@@ -173,6 +194,7 @@ class Measuring:
                 spool.open / f"estimator-{number}",
                 hidden=(self.folder, spool.closed),
                 fresh_child=self.suite.new_child == "capture" and not is_built_in(chosen.name),
+                prepared=self.prepared,
             )
             for number, (chosen, condition) in enumerate(asked)
         ]

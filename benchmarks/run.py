@@ -17,8 +17,10 @@ from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
 from .measure import Measuring
 from .report.above_bound import bound_warnings
+from .runner.ahead import Ahead
 from .runner.costs import slow_starts, write_costs
 from .runner.estimator_labels import check_estimators
+from .runner.forked import Prepared
 from .runner.jail import NO_JAIL, isolation, jailed
 from .runner.result_cache import ResultCache
 from .runner.spool import Entry, Spool
@@ -112,7 +114,12 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
     """Run all cells, and write the folder."""
     loaded, progress = run.loaded, run.progress
     began = now()
-    with Spool() as spool, warnings.catch_warnings(record=True) as caught:
+    with (
+        Spool() as spool,
+        Prepared(loaded.suite.estimators) as run.prepared,
+        Ahead(loaded.suite.limits, spool.open / "ahead", run.prepared) as run.ahead,
+        warnings.catch_warnings(record=True) as caught,
+    ):
         warnings.simplefilter("default")
         batch: list[Entry] = []
         for index, cell in enumerate(cells):
@@ -142,7 +149,7 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
         "seeds": list(dict.fromkeys(cell.seed for cell in cells)), "captures": len(cells),
         "conditions": list(loaded.suite.conditions), "estimators": list(loaded.suite.estimators),
         "started": began, "finished": now(), **settings,
-        "stages_s": {name: round(value, 3) for name, value in run.stages.items()},
+        "stages_s": run.rounded_stages(),
         "tables_version": TABLES_VERSION, "machine": machine(), "versions": versions(), "isolation": isolation(),
         "warnings": run.warnings, "failures": run.failures,
         "rungs": run.rungs.rows(), "advice": run.rungs.advice(), "skipped": skips_of(rows),
@@ -157,9 +164,7 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
         tick = time.perf_counter()
         page = write_report(folder)
         run.stages["report"] = time.perf_counter() - tick
-        write_json(
-            folder / "run.json", record | {"stages_s": {name: round(value, 3) for name, value in run.stages.items()}}
-        )
+        write_json(folder / "run.json", record | {"stages_s": run.rounded_stages()})
         progress("report", 1, 1, page.name)
     return RunResult(
         folder, rows, run.warnings, run.failures, page, 0.0, run.stages, run.rungs.rows(), run.rungs.advice()

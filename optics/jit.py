@@ -26,7 +26,17 @@ from .turns import Turn
 if TYPE_CHECKING:
     prange = range
 
-__all__ = ["GIVEN_HASH", "c_callback", "cache_folder", "damaged_files", "kernel", "prange", "source_hash", "user_cache"]
+__all__ = [
+    "GIVEN_HASH",
+    "c_callback",
+    "cache_folder",
+    "damaged_files",
+    "kernel",
+    "load_compiler",
+    "prange",
+    "source_hash",
+    "user_cache",
+]
 
 _DIGEST_BYTES = 32
 #: Environment variable in which a runner gives the hash of the sources to its children.
@@ -109,6 +119,14 @@ def kernel(*args: Any, **options: Any) -> Any:
         return _checked(numba.njit(**options)(args[0]))
     decorate = numba.njit(*args, **options)
     return lambda function: _checked(decorate(function))
+
+
+def load_compiler() -> None:
+    """Load what Numba loads at the first call of any kernel: its tables of types and of functions, .2 s of processor time."""
+    from numba.core.registry import cpu_target
+
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
 
 
 def _checked(dispatcher: Any) -> Any:

@@ -25,7 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..runner.process import child_environment
+from ..runner.variables import child_environment
 
 __all__ = ["Failed", "Paired", "Plan", "Side", "Timer", "any_core", "interleaved", "open_all", "typical"]
 

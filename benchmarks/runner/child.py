@@ -1,10 +1,11 @@
 """One estimator in its own process: gets captures, calls the estimator, writes the estimates. Started by `runner`.
 
-    python -P -m beambench.benchmarks.runner.child LABEL JOBS_FD EVENTS_FD
+    python -P -m beambench.benchmarks.runner.child LABEL JOBS_FD EVENTS_FD RUNNER_PID
 
-Orders arrive as lines of JSON on a socket, a capture as a handle with its order, and events are sent on a pipe; standard output
-belongs to the estimator. Neither the truth nor the location of any capture is sent to this process, and no time is measured
-here: the runner reads the clocks when this process says "ready" and "called", and this process waits for it at both.
+or forked from a process that has imported the same (`prepared`). Orders arrive as lines of JSON on a socket, a capture as a
+handle with its order, and events are sent on a pipe; standard output belongs to the estimator. Neither the truth nor the
+location of any capture is sent to this process, and no time is measured here: the runner reads the clocks when this process
+says "ready" and "called", and this process waits for it at both.
 
     order                      events
     job, handle of a warm-up   started (once), warm or why not, idle
@@ -31,14 +32,14 @@ from typing import Any
 
 from .namespaces import supervised
 
-__all__ = ["main"]
+__all__ = ["bind", "die_with", "main"]
 
 
-def _die_with_parent() -> None:
-    """Make Linux end this process when the runner ends, for any reason."""
+def die_with(runner: int) -> None:
+    """Make Linux end this process when the runner, its parent, ends for any reason; the runner may be the first of a container."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG = 1
-        if os.getppid() == 1:
+        if os.getppid() != runner:
             os._exit(1)
 
 
@@ -87,7 +88,7 @@ def _save(result: Any, folder: Path, stage: Any, sizes: dict[str, int]) -> str:
     return ""
 
 
-def _bind(label: str) -> tuple[Callable[[Any], Any], Any]:
+def bind(label: str) -> tuple[Callable[[Any], Any], Any]:
     """The estimator's function with the label's parameters (only its own work is timed), and the estimator."""
     from ...estimators.labels import check_parameters, parse_label
     from ...estimators.registry import get_estimator
@@ -167,7 +168,7 @@ class _Server:
     def __init__(self, label: str, tell: Callable[..., None], orders: _Orders) -> None:
         self.label, self.tell, self.orders, self.warm = label, tell, orders, False
         self.rested = False
-        self.call, self.chosen = _bind(label)
+        self.call, self.chosen = bind(label)
         self.stage, self.unfit = self.chosen.stage, self.chosen.unfit
 
     def serve(self) -> bool:
@@ -238,7 +239,7 @@ class _Server:
 def main(arguments: list[str]) -> int:
     """Carry out orders until the socket closes."""
     label, jobs_fd, events_fd = arguments[0], int(arguments[1]), int(arguments[2])
-    _die_with_parent()
+    die_with(int(arguments[3]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for fd in (jobs_fd, events_fd):
         os.set_inheritable(fd, False)  # processes that an estimator starts must not keep the pipes open

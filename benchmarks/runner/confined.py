@@ -47,8 +47,9 @@ def confined(label: str, *, read: Iterable[Path] = ()) -> Iterator[Confined]:
 
     Raises OSError.
     """
-    from .process import child_environment, jail_rules, own_cache
+    from .process import jail_rules, own_cache
     from .scratch import scratch_folder
+    from .variables import child_environment
 
     with scratch_folder("estimate") as folder:
         work = folder / "cwd"

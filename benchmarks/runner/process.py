@@ -19,32 +19,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ...optics.jit import GIVEN_HASH, cache_folder, source_hash
+from ...optics.jit import cache_folder
 from ...scenes.json_keys import read_json
 from . import tree
+from .forked import Forked, Prepared
 from .jail import OFF, abi, readable
 from .namespaces import works
-from .protocol import THREAD_VARIABLES
 from .removal import remove
+from .variables import TOKEN, child_environment
 
-__all__ = ["Child", "child_environment", "jail_rules"]
-
-#: Variable by which the descendants of a child are known.
-_TOKEN = "BEAMBENCH_CHILD"
+__all__ = ["Child", "jail_rules"]
 
 _TAIL = 2000  # bytes kept of a child's printed output
-
-
-def child_environment() -> dict[str, str]:
-    """The parent's environment and import path, with one thread for every library and reproducible hashes."""
-    environment = dict(os.environ)
-    environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    # The child starts in an empty folder, but can import everything that the parent can.
-    environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
-    environment["PYTHONHASHSEED"] = "0"
-    environment[GIVEN_HASH] = source_hash()
-    environment.pop("PYTHONSTARTUP", None)
-    return environment
 
 
 def jail_rules(label: str, folder: Path, hidden: Iterable[Path]) -> dict[str, Any]:
@@ -109,7 +95,9 @@ def _readable(hidden: tuple[Path, ...], import_path: tuple[str, ...]) -> list[st
 class Child:
     """A started child and its pipes."""
 
-    def __init__(self, label: str, folder: Path, *, hidden: Iterable[Path] = ()) -> None:
+    def __init__(
+        self, label: str, folder: Path, *, hidden: Iterable[Path] = (), prepared: Prepared | None = None
+    ) -> None:
         self.token, self.folder = secrets.token_hex(16), folder
         rules = jail_rules(label, folder, hidden)
         self.jobs, theirs = socket.socketpair()
@@ -122,16 +110,20 @@ class Child:
             label,
             str(theirs.fileno()),
             str(events_write),
+            str(os.getpid()),
         ]
         (folder / "tmp").mkdir(parents=True, exist_ok=True)
-        environment = child_environment() | {"TMPDIR": str(folder / "tmp"), _TOKEN: self.token}
+        environment = child_environment() | {"TMPDIR": str(folder / "tmp"), TOKEN: self.token}
         cache = own_cache(label)
         #: Whether it runs code that is not of this package.
         self.plugin = cache is not None
         if cache:
             environment["XDG_CACHE_HOME"] = str(cache)
+        forked = None
         try:
-            self.process = subprocess.Popen(
+            if prepared is not None and not self.plugin:
+                forked = prepared.start(label, folder, environment, theirs.fileno(), events_write)
+            self.process: subprocess.Popen[bytes] | Forked = forked or subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -226,7 +218,7 @@ class Child:
 
         for process in psutil.process_iter():
             with contextlib.suppress(psutil.Error, OSError):
-                if process.environ().get(_TOKEN) == self.token:
+                if process.environ().get(TOKEN) == self.token:
                     process.kill()
 
     def clear(self) -> None:

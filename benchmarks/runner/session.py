@@ -15,6 +15,7 @@ from ...scenes.machine import usable_cores
 from ..statistics.skips import GAVE_UP
 from ..suites.spec import Limits
 from .attempt import REFUSED, attempt
+from .forked import Prepared
 from .house import HOUSE, house_error
 from .job import Job, Outcome
 from .process import Child
@@ -38,7 +39,7 @@ class Session:
         scratch: a private folder for the child's results, each of which is deleted after it was passed on.
     Other arguments:
         hidden: folders that the child may not read wherever they are. fresh_child: a new child for every job, which cannot
-            remember the others.
+            remember the others. prepared: forks the children of built-in estimators, which are started anew without it.
         lay, clear: called before a job is carried out and after its outcome was passed on, such as to write its capture, which need
             not be there before, and to remove it.
     """
@@ -52,11 +53,12 @@ class Session:
         *,
         hidden: Sequence[Path] = (),
         fresh_child: bool = False,
+        prepared: Prepared | None = None,
         lay: Callable[[Job], None] = _nothing,
         clear: Callable[[Job], None] = _nothing,
     ) -> None:
         self.label, self.jobs, self.limits, self.scratch = label, list(jobs), limits, scratch
-        self.hidden, self.fresh_child = tuple(hidden), fresh_child
+        self.hidden, self.fresh_child, self.prepared = tuple(hidden), fresh_child, prepared
         self._lay, self._clear = lay, clear
         self._child: Child | None = None
         self._first: Outcome | None = None
@@ -65,12 +67,17 @@ class Session:
 
     def start(self) -> None:
         """Start the child, which then imports its modules."""
-        self._child = Child(self.label, self.scratch / "cwd", hidden=self.hidden)
+        self._child = Child(self.label, self.scratch / "cwd", hidden=self.hidden, prepared=self.prepared)
 
-    def warm_up(self) -> None:
-        """Call the estimator on data of the first capture's kind, untimed. `run` reports a failure of this call."""
-        if self._child is not None and self.jobs:
-            self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
+    def warm_up(self) -> bool:
+        """Call the estimator on data of the first capture's kind, untimed, and return whether it was called.
+
+        `run` reports a failure of this call.
+        """
+        if self._child is None or not self.jobs:
+            return False
+        self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
+        return self._child is not None and self._child.warm
 
     def run(self, on_outcome: Callable[[Outcome], None]) -> None:
         """Carry out all jobs, restart the child where needed, and pass each outcome on.
