@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..estimators.chain import is_built_in
 from ..scenes.errors import InputError
+from .ahead import Ahead
 from .folders.journal import Journal, with_nan, without_nan
 from .folders.progress import Progress
 from .folders.record import machine
@@ -18,7 +19,6 @@ from .judges.mismatch import wrongly_declared
 from .report.as_measured import as_measured
 from .report.picture_files import Place, picture_index, write_picture
 from .rungs import Rungs
-from .runner.ahead import Ahead
 from .runner.costs import cost_row
 from .runner.estimator_labels import Chosen
 from .runner.forked import Prepared
@@ -114,7 +114,6 @@ class Measuring:
         from .judges.drawn import with_draws
 
         capture = self._capture(cell)
-        self._compile(spool, index, cell, capture)
         self.rungs.add(cell, capture)
         bounds = with_draws(
             self._timed("bound", lambda: bounds_of(capture)), capture, self.loaded.draws(cell.scene_name)
@@ -125,15 +124,6 @@ class Measuring:
             {self._told(cell, name): content_id(entry.sums, name) for name in self.loaded.conditions(cell.scene_name)},
         )
         return entry
-
-    def _compile(self, spool: Spool, index: int, cell: Cell, capture: xr.Dataset) -> None:
-        """Compile the kernels of the estimators that read a capture, beside what else is done with it."""
-        labels = [label for label in sorted(self._readers[cell.scene_name]) if self.ahead and self.ahead.lacks(label)]
-        if self.ahead is None or not labels:
-            return
-        job = spool.beside(index, capture)
-        for label in labels:
-            self.ahead.add(label, job)
 
     def _told(self, cell: Cell, condition: str) -> str:
         """The name of a condition in tables."""
@@ -181,8 +171,6 @@ class Measuring:
     def estimate(self, spool: Spool, batch: list[Entry]) -> None:
         """Run every estimator on the spooled captures, score the results, and delete the captures."""
         tick = time.perf_counter()
-        if self.ahead is not None:
-            self.ahead.stop()
         entries = {entry.index: entry for entry in batch}
         # A child of its own for each condition, which cannot remember the exact rig of another.
         asked = [(chosen, condition) for chosen in self.chosen for condition in self.suite.conditions]
@@ -199,7 +187,11 @@ class Measuring:
             for number, (chosen, condition) in enumerate(asked)
         ]
         self.progress("estimate", self.done, self.total, "starting")
-        run_sessions(sessions, lambda n, outcome: self._take(spool, entries[outcome.job.index], asked[n][0], outcome))
+        run_sessions(
+            sessions,
+            lambda n, outcome: self._take(spool, entries[outcome.job.index], asked[n][0], outcome),
+            before_timed=self.ahead.stop if self.ahead is not None else None,
+        )
         for entry in batch:
             spool.drop(entry)
         if self.cache is not None:

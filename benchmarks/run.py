@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from .ahead import Ahead
 from .folders.files import write_json
 from .folders.journal import Journal
 from .folders.kinds import RUN
@@ -17,7 +18,6 @@ from .folders.record import TABLES_VERSION, machine, now, versions
 from .folders.workplace import output_folder, workplace
 from .measure import Measuring
 from .report.above_bound import bound_warnings
-from .runner.ahead import Ahead
 from .runner.costs import slow_starts, write_costs
 from .runner.estimator_labels import check_estimators
 from .runner.forked import Prepared
@@ -116,8 +116,8 @@ def _run_in(folder: Path, run: Measuring, cells: list[Cell], settings: dict[str,
     began = now()
     with (
         Spool() as spool,
-        Prepared(loaded.suite.estimators) as run.prepared,
-        Ahead(loaded.suite.limits, spool.open / "ahead", run.prepared) as run.ahead,
+        Prepared([one.label for one in run.chosen]) as run.prepared,
+        Ahead([one.label for one in run.chosen]) as run.ahead,
         warnings.catch_warnings(record=True) as caught,
     ):
         warnings.simplefilter("default")

@@ -32,6 +32,7 @@ __all__ = [
     "cache_folder",
     "damaged_files",
     "kernel",
+    "kernels_below",
     "load_compiler",
     "prange",
     "source_hash",
@@ -119,6 +120,21 @@ def kernel(*args: Any, **options: Any) -> Any:
         return _checked(numba.njit(**options)(args[0]))
     decorate = numba.njit(*args, **options)
     return lambda function: _checked(decorate(function))
+
+
+def kernels_below(function: Any) -> int:
+    """Number of kernels that a function may call, directly or through others, by the names of its module that it uses."""
+    seen: dict[int, Any] = {}
+    left = [function]
+    while left:
+        one = left.pop()
+        inner = getattr(one, "py_func", one)
+        code = getattr(inner, "__code__", None)
+        if code is None or id(one) in seen:
+            continue
+        seen[id(one)] = one
+        left += [inner.__globals__[name] for name in code.co_names if name in inner.__globals__]
+    return sum(hasattr(one, "py_func") for one in seen.values())
 
 
 def load_compiler() -> None:

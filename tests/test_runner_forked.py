@@ -17,7 +17,6 @@ import psutil
 import pytest
 
 from beambench.benchmarks.laws.gated import clean_capture
-from beambench.benchmarks.runner.ahead import Ahead
 from beambench.benchmarks.runner.forked import Forked, Prepared
 from beambench.benchmarks.runner.jail import abi
 from beambench.benchmarks.runner.namespaces import works
@@ -27,7 +26,6 @@ from beambench.benchmarks.runner.session import Job, Outcome, Session, run_sessi
 from beambench.benchmarks.suites.spec import Limits
 from beambench.captures.hide import hide_truth
 from beambench.captures.sizes import sizes_of
-from beambench.optics import jit
 
 LABEL = "weighted-average"
 LIMITS = Limits(time_s=60.0, warmup_s=200.0, memory_bytes=2**31, output_bytes=2**20)
@@ -226,48 +224,3 @@ def test_a_runner_that_is_the_first_process_of_a_container_has_children(tmp_path
         [*unshare, sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, cwd=root, check=False
     )
     assert told.stdout.splitlines() == ["['ok', 'ok']"] * 2, told.stderr[-2000:]
-
-
-def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    jit.cache_folder.cache_clear()
-    try:
-        jobs = spool(tmp_path, 2)
-        with Prepared(["peak"]) as prepared, Ahead(LIMITS, tmp_path / "ahead", prepared) as ahead:
-            assert ahead.lacks("peak") and not ahead.lacks("x-unknown")
-            ahead.add("peak", jobs[0])
-            assert not ahead.lacks("peak")
-            until = time.monotonic() + 120.0
-            while not list((jit.cache_folder() / "compiled").glob("*")) and time.monotonic() < until:
-                time.sleep(0.05)
-            ahead.stop()
-            assert list(jit.cache_folder().rglob("*.nbi"))
-            assert not jobs[0].folder.exists()
-            assert jobs[1].folder.exists()
-            assert not (tmp_path / "ahead").exists()
-            assert not Ahead(LIMITS, tmp_path / "ahead", prepared).lacks("peak")
-    finally:
-        jit.cache_folder.cache_clear()
-
-
-def test_what_waits_is_not_compiled_after_stop_and_a_kill_does_not_wait(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    jit.cache_folder.cache_clear()
-    try:
-        job = spool(tmp_path, 1)[0]
-        ahead = Ahead(LIMITS, tmp_path / "ahead", Prepared([]))
-        began = time.monotonic()
-        with pytest.raises(KeyboardInterrupt), ahead:
-            for label in ("peak", "parabola", "poisson-ml"):
-                ahead.add(label, job)
-            time.sleep(0.3)
-            raise KeyboardInterrupt
-        assert time.monotonic() - began < 5.0  # poisson-ml compiles for longer
-        assert not list((jit.cache_folder() / "compiled").glob("*"))
-        assert not [
-            one for one in psutil.Process().children(recursive=True) if "runner.child" in " ".join(one.cmdline())
-        ]
-    finally:
-        jit.cache_folder.cache_clear()

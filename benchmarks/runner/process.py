@@ -239,7 +239,8 @@ class Child:
             with contextlib.suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
         code = self.process.wait()
-        self._kill_strays()
+        if self._above == 1:  # a namespace ends with all that is in it
+            self._kill_strays()
         os.close(self.events)
         assert self.process.stdout is not None
         self.process.stdout.close()

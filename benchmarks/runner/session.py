@@ -69,15 +69,10 @@ class Session:
         """Start the child, which then imports its modules."""
         self._child = Child(self.label, self.scratch / "cwd", hidden=self.hidden, prepared=self.prepared)
 
-    def warm_up(self) -> bool:
-        """Call the estimator on data of the first capture's kind, untimed, and return whether it was called.
-
-        `run` reports a failure of this call.
-        """
-        if self._child is None or not self.jobs:
-            return False
-        self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
-        return self._child is not None and self._child.warm
+    def warm_up(self) -> None:
+        """Call the estimator on data of the first capture's kind, untimed. `run` reports a failure of this call."""
+        if self._child is not None and self.jobs:
+            self._first = self._attempt(self._child, self.jobs[0], only_warm=True)
 
     def run(self, on_outcome: Callable[[Outcome], None]) -> None:
         """Carry out all jobs, restart the child where needed, and pass each outcome on.
@@ -176,10 +171,15 @@ def run_jobs(
     run_sessions([session], lambda _, outcome: on_outcome(outcome))
 
 
-def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome], None]) -> None:
+def run_sessions(
+    sessions: Sequence[Session],
+    on_outcome: Callable[[int, Outcome], None],
+    *,
+    before_timed: Callable[[], None] | None = None,
+) -> None:
     """Run sessions in groups (`waves`), one per core: warm-ups in parallel, then timed calls one at a time.
 
-    `on_outcome` is called with the number of the session and the outcome of each job.
+    `on_outcome` is called with the number of the session and the outcome of each job, `before_timed` before a group's timed calls.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -197,6 +197,8 @@ def run_sessions(sessions: Sequence[Session], on_outcome: Callable[[int, Outcome
                     for _, session in wave:
                         session.kill()
                     raise
+            if before_timed is not None:
+                before_timed()
             for number, session in wave:
                 session.run(partial(on_outcome, number))
                 session.close()

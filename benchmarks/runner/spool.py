@@ -19,7 +19,6 @@ from ...captures.sizes import sizes_of
 from ...scenes.errors import InputError, reason
 from ..scores.truth import Bound, Truth
 from ..suites.suite import Cell
-from .job import Job
 from .protocol import file_sums, write_capture, write_meta
 from .scratch import scratch_folder
 
@@ -111,17 +110,6 @@ class Spool:
         size = sum(path.stat().st_size for path in folder.iterdir())
         sizes = sizes_of(hidden)
         return Entry(index, cell, folder, str(capture.attrs["modality"]), sizes, file_sums(folder), size)
-
-    def beside(self, index: int, capture: xr.Dataset) -> Job:
-        """A job on a capture as it was generated, for a warm-up before it is spooled."""
-        folder = self.open / f"beside-{index:06d}"
-        hidden = hide_truth(capture)
-        try:
-            write_capture(folder, hidden)
-            write_meta(folder, hidden, "matched")
-        except OSError as error:
-            raise unusable(error) from error
-        return Job(index, folder, "matched", str(capture.attrs["modality"]), sizes_of(hidden))
 
     def truth(self, entry: Entry) -> tuple[dict[str, Truth], dict[str, Bound]]:
         """The truth and the bound that score the estimates of an entry."""

@@ -86,19 +86,21 @@ def _order(pixels, pixel, amplitude, tau):  # type: ignore[no-untyped-def]
             fill[pixel[i]] += 1
     for p in range(pixels):
         begin, end = start[p], start[p + 1]
-        if end - begin > 48:
-            own = order[begin:end].copy()
-            sorting = np.argsort(tau[own], kind="mergesort")
-            for a in range(end - begin):
-                order[begin + a] = own[sorting[a]]
-        else:
-            for a in range(begin + 1, end):
+        # Shell's sort with ties by index: few samples go in one pass of insertions, and any order of work gives the same order.
+        gap = 1
+        while end - begin > 16 * gap:
+            gap = 3 * gap + 1
+        while gap > 0:
+            for a in range(begin + gap, end):
                 index = order[a]
                 b = a
-                while b > begin and tau[order[b - 1]] > tau[index]:
-                    order[b] = order[b - 1]
-                    b -= 1
+                while b >= begin + gap and (
+                    tau[order[b - gap]] > tau[index] or (tau[order[b - gap]] == tau[index] and order[b - gap] > index)
+                ):
+                    order[b] = order[b - gap]
+                    b -= gap
                 order[b] = index
+            gap //= 3
     return order, start
 
 
