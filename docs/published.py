@@ -37,6 +37,11 @@ WANTED = 0.05
 SOUND = 1e-3
 
 
+def _percent(share: float) -> str:
+    """A share in percent to two digits, and to a whole number from 10 % on."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
 def rows_of(run: Path) -> pd.DataFrame:
     """The rows of summary.csv without stress, with `name`, `half` (half-width of the interval) and `over` (error / bound)."""
     rows = pd.read_csv(run / "summary.csv", dtype={"level": str, "level2": str, "params": str})
@@ -130,7 +135,7 @@ def overview(own: pd.DataFrame, ranks: pd.DataFrame) -> str:
         z = float(np.sqrt((rows.z_rms**2 * rows.n).sum() / rows.n[rows.z_rms.notna()].sum()))
         lines.append(
             f"| `{name}` | {place} | {here} | {_number(_middle(rows))} | {_number(_middle(declared))} "
-            f"| {100 * failed:.2g} % | {100 * covered:.4g} % | {_number(z)} | {_number(cost[name] / cost.min())} |"
+            f"| {_percent(failed)} | {100 * covered:.4g} % | {_number(z)} | {_number(cost[name] / cost.min())} |"
         )
     return "\n".join(lines)
 
@@ -175,7 +180,7 @@ def shown_in_readme(rows: pd.DataFrame, ranks: pd.DataFrame) -> str:
 
 def _short(rows: pd.DataFrame, name: str) -> str:
     failed = float((rows.failure_rate * rows.n).sum() / rows.n.sum())
-    return f"`{name}`: {_number(_middle(rows))} ({100 * failed:.2g} %)"
+    return f"`{name}`: {_number(_middle(rows))} ({_percent(failed)})"
 
 
 def picture(own: pd.DataFrame, title: str, path: Path) -> None:
