@@ -109,7 +109,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # the process is ours
         keep_standard_streams()
         end_in_order()
-        # What is left at the end is not searched for garbage first: that took half a second after a run.
+        # Garbage is searched for seldom, as kernels are compiled here, and not at the end, where that took half a second.
+        gc.set_threshold(50_000, 20, 50)
         atexit.register(gc.freeze)
     try:
         check_working_folder()

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..estimators.chain import is_built_in
 from ..estimators.labels import split_label
-from ..optics.jit import cache_folder, kernels_below
+from ..optics.jit import cache_folder, compiling, kernels_below
 from ..scenes.machine import usable_cores
 from .runner.child import bind, die_with
 from .runner.variables import child_environment
@@ -109,7 +109,8 @@ def compile_all(labels: Sequence[str]) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Compile until all is done or the runner ends this process."""
     die_with(int(arguments[0]))
-    compile_all(arguments[1:])
+    with compiling():
+        compile_all(arguments[1:])
     return 0
 
 

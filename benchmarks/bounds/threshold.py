@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -99,10 +100,9 @@ class ThresholdTable:
         for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
             weight = (f if di else 1.0 - f) * (g if dj else 1.0 - g)
             some = np.flatnonzero(weight > 0)
-            pairs, which = np.unique(np.stack([i[some] + di, j[some] + dj]), axis=1, return_inverse=True)
-            for number, (ia, ib) in enumerate(pairs.T):
-                its = some[which.ravel() == number]
-                total[its] += weight[its] * self._value(field, int(ia), int(ib), theta[its])
+            for ia, ib, own in _groups(i[some] + di, j[some] + dj):
+                its = some[own]
+                total[its] += weight[its] * self._value(field, ia, ib, theta[its])
         out[keep] = total
         return out.reshape(delay.shape)
 
@@ -179,6 +179,17 @@ def _place(x: Float, lowest: int) -> tuple[Int, Float]:
     x = np.maximum(x, lowest)
     i = np.floor(x)
     return i.astype(np.int64), x - i
+
+
+def _groups(i: Int, j: Int) -> Iterator[tuple[int, int, Int]]:
+    """Each pair (i, j) that occurs, in order, and the places where it does, in order."""
+    if i.size == 0:
+        return
+    low = int(j.min())
+    key = i * (int(j.max()) - low + 1) + (j - low)
+    order = np.argsort(key, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(key[order])) + 1):
+        yield int(i[own[0]]), int(j[own[0]]), own
 
 
 def table_of(scan: Scan) -> ThresholdTable:

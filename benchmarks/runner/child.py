@@ -199,6 +199,8 @@ class _Server:
 
     def _begin(self, order: dict[str, Any], handle: int) -> None:
         """Decide whether a capture can be read, and warm up with other data of its kind."""
+        from ...optics.jit import compiling
+
         if reason := _another(self.chosen, order["modality"]):
             os.close(handle)
             self.tell(event="skip", message=reason)
@@ -211,7 +213,7 @@ class _Server:
             return
         if not self.warm:
             # What an estimator thinks of data that are drawn from a few elements is no result: the first call tells.
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(Exception), compiling():
                 self.call(capture)
                 self.warm = True
         self.tell(event="warm", warm=self.warm)
