@@ -9,11 +9,12 @@ for, and a `CaptureStream` made after PyTorch was imported counts as an `Iterabl
 
 from __future__ import annotations
 
+import copy
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,18 @@ class Captures:
     def __len__(self) -> int:
         return len(self.places)
 
-    def __getitem__(self, index: int) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> Any: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Captures: ...
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """A capture by its place, or a part of the captures: `captures[:100]`."""
+        if isinstance(index, slice):
+            part = copy.copy(self)
+            part.places = self.places[index]
+            return part
         if not -len(self) <= index < len(self):
             raise IndexError(index)
         return self.transform(self.read(int(self.places[index])))

@@ -62,6 +62,17 @@ def test_places_are_those_of_the_part(store: Path) -> None:
         whole[COUNT]
 
 
+def test_a_slice_is_a_part_of_the_captures(store: Path) -> None:
+    train = Captures(store, part="train")
+    few = train[2:-1:3]
+    assert isinstance(few, Captures) and len(few) == 5
+    assert [number(few[n]) for n in range(5)] == [number(train[n]) for n in range(len(train))][2:-1:3]
+    assert number(few[1:][-1]) == number(few[4])
+    assert len(train) == COUNT - 3
+    with pytest.raises(IndexError):
+        few[5]
+
+
 def test_a_stream_gives_each_capture_once_in_another_order_each_epoch(store: Path) -> None:
     stream = CaptureStream(store, seed=1, buffer=8)
     first, second = [number(one) for one in stream], [number(one) for one in stream]
