@@ -1,8 +1,7 @@
 """The options of every command: as the command line has them, and as they were recorded on 2026-11-30.
 
 One kind has changed since 2026-11-28: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-One kind has changed since: `generate --seeds` took text, of which the command made whole numbers; now it takes numbers.
-`bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `twin`,
+`bound`, `gate`, `design`, `calibrate` and `generate --rig` are new, and so are `twin` with `--require`,
 `show`, and `--compare`, `--chart` and `--overwrite` of `estimators check`.
 """
 
@@ -318,6 +317,7 @@ twin: --index <number> default 0
 twin: --json <flag> default False
 twin: --out -o <text> default None
 twin: --overwrite <flag> default False
+twin: --require <text...> default None
 twin: --rig <text> default None
 twin: --scene <text> default None
 twin: --seed <number> default 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from beambench.benchmarks.twin.clause import Evidence
 from beambench.benchmarks.twin.gated_clauses import CLAUSES
 from beambench.benchmarks.twin.gated_curves import kendall
 from beambench.benchmarks.twin.gated_rig import uncertain_of as gated_uncertain_of
-from beambench.benchmarks.twin.page import certificate_page, interval_svg
+from beambench.benchmarks.twin.page import certificate_page, interval_svg, sentence
 from beambench.benchmarks.twin.run import twin_kind_of
 from beambench.benchmarks.twin.uncertain import uncertain_of
 from beambench.benchmarks.twin.verdict import ALPHA, judged, with_tolerances
@@ -119,6 +120,26 @@ def test_the_page_names_what_is_undecided_and_calls_an_agreement_no_difference()
     assert '<td class="num" data-is="least error">–</td>' in page
 
 
+@pytest.mark.parametrize(
+    ("gain", "offset", "required", "verdict"),
+    [
+        (0.02, 0.001, (), "pass"),
+        (0.02, 0.001, ("offset",), "pass"),
+        (0.02, 0.001, ("offset", "gain"), "cannot tell"),
+        (0.001, 0.001, ("offset", "gain"), "pass"),
+        (0.001, math.nan, ("offset",), "cannot tell"),  # not measured
+    ],
+)
+def test_what_is_required_must_be_decided(gain: float, offset: float, required: tuple[str, ...], verdict: str) -> None:
+    normal = np.random.default_rng(1).standard_normal((40, 2))
+    twins = [{"gain": 1.0 + gain * a, "offset": 1.0 + offset * b} for a, b in normal]
+    evidence = Evidence({"gain": 1.0, "offset": 1.0}, twins, {}, {}, {}, ())
+    clauses = [GAIN, replace(GAIN, name="offset", title="Offset: of the converter.")]
+    found = Certificate(tuple(judged(clauses, evidence)), evidence, "m", required)
+    assert found.verdict == verdict
+    assert ("What was required could not be decided: " in sentence(found)) == (verdict == "cannot tell")
+
+
 def test_arrows_of_wide_intervals_are_whole() -> None:
     """Their tips lay outside of the picture."""
     drawn = interval_svg(judged([GAIN], _evidence(1.0, 0.2))[0])
@@ -214,6 +235,9 @@ def test_a_scene_beside_the_recording(recording: Path, tmp_path: Path) -> None:
 def test_bad_input_is_told(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["twin", str(recording), "--tolerance", "gain", "-o", str(tmp_path / "a")]) == 2
     assert "tolerance" in capsys.readouterr().err
+    assert cli.main(["twin", str(recording), "--require", "gian", "-o", str(tmp_path / "a")]) == 2
+    assert "gain" in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
     assert cli.main(["twin", str(recording), "--index", "3", "-o", str(tmp_path / "b")]) == 2
     assert cli.main(["twin", str(recording), "--draws", "3", "-o", str(tmp_path / "c")]) == 2
     assert not (tmp_path / "c" / "certificate.html").exists()

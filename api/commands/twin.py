@@ -54,6 +54,7 @@ TWIN = command(
   beambench calibrate real.zarr -o my-rig.toml
   beambench twin real.zarr --rig my-rig.toml -o certificate
   beambench twin real.zarr --rig my-rig.toml --scene tank.toml --fidelity scatter --tolerance t0=20
+  beambench twin real.zarr --require gain --require t0 -o certificate
 
-Exit codes: 0 no clause fails, 1 a clause fails, 2 bad input, 3 nothing could be decided.""",
+Exit codes: 0 no clause fails, 1 a clause fails, 2 bad input, 3 nothing, or not all that is required, could be decided.""",
 )

@@ -32,6 +32,7 @@ def twin(
     draws: int = 40,
     estimator: Sequence[str] | None = None,
     tolerance: Sequence[str] | Mapping[str, float] | None = None,
+    require: Sequence[str] | None = None,
     seed: int = 1,
     out: str | Path | None = None,
     overwrite: bool = False,
@@ -51,6 +52,7 @@ def twin(
         draws: Simulated recordings; more narrow the intervals a little.
         estimator: Estimator whose place in the ranking is compared, repeatable; seven by default.
         tolerance: Tolerance of a clause in its unit, as NAME=VALUE, instead of its own.
+        require: Clause that must be decided, repeatable: where noise hides it, nothing passes.
         seed: Random seed of the draws.
         out: Folder of certificate.html, clauses.csv and run.json; ./beambench-runs/twin-<name>-<time> by default.
         overwrite: Replace an earlier certificate in `out`.
@@ -74,10 +76,14 @@ def twin(
     refuse_inputs(folder, [real, *([rig] if rig is not None else [])])
     held = _rig(rig, str(capture.attrs["modality"]), Path(real).name)
     tolerances = _tolerances(tolerance)
-    found = certified(capture, Ask(held, scene, fidelity, draws, seed, tuple(estimator or _RANKED)), tolerances)
+    required = [require] if isinstance(require, str) else list(require or ())
+    found = certified(
+        capture, Ask(held, scene, fidelity, draws, seed, tuple(estimator or _RANKED)), tolerances, required
+    )
     record = {
         "verb": TWIN.verb, "command": list(command), "index": index, "fidelity": fidelity, "draws": draws, "seed": seed,
         "rig": _text(rig), "scene": _text(scene), "estimators": list(estimator or _RANKED), "tolerance": tolerances,
+        "require": required,
     }  # fmt: skip
     with workplace(folder, TWIN, overwrite=overwrite) as work:
         write_certificate(found, Path(real).name, work, record)

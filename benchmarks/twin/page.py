@@ -60,6 +60,8 @@ def sentence(certificate: Certificate) -> str:
         return f"The twin does not agree with the rig in {len(failed)} of {told} clauses that were decided: {'; '.join(failed)}."
     if not told:
         return "Nothing could be decided: no interval was narrow enough for its tolerance."
+    lacking = ", ".join(one.clause.title.partition(":")[0] for one in certificate.lacking)
+    needed = f" What was required could not be decided: {lacking}." if lacking else ""
     undecided = ", ".join(
         one.clause.title.partition(":")[0]
         for one in certificate.clauses
@@ -72,7 +74,7 @@ def sentence(certificate: Certificate) -> str:
     )
     none = certificate.not_shown
     unseen = f" {_clauses(none)} could not be measured in this recording." if none else ""
-    return f"The twin agrees with the rig in all {told} clauses that were decided.{left}{unseen}"
+    return f"The twin agrees with the rig in all {told} clauses that were decided.{needed}{left}{unseen}"
 
 
 def _clauses(count: int) -> str:

@@ -41,16 +41,23 @@ def twin_kind_of(modality: object) -> TwinKind:
     return found
 
 
-def certified(capture: xr.Dataset, ask: Ask, tolerances: Mapping[str, float] | None = None) -> Certificate:
-    """The certificate of a recording. Raises InputError for a recording or rig that cannot be compared."""
+def certified(
+    capture: xr.Dataset, ask: Ask, tolerances: Mapping[str, float] | None = None, required: Sequence[str] = ()
+) -> Certificate:
+    """The certificate of a recording. Raises InputError for a recording or rig that cannot be compared, or an unknown clause."""
     kind = twin_kind_of(capture.attrs.get("modality"))
     clauses = with_tolerances(kind.clauses, tolerances or {})
+    names = [clause.name for clause in clauses]
+    if unknown := [name for name in required if name not in names]:
+        raise InputError(
+            "There is no such clause.", where="--require", value=unknown[0], allowed=", ".join(names)
+        )  # fmt: skip
     if ask.draws < 8:
         raise InputError(
             "So few draws of a twin give no interval.", where="draws", value=ask.draws, allowed="8 or more"
         )
     evidence = kind.measure(hide_truth_but_ranges(capture), ask)
-    return Certificate(tuple(judged(clauses, evidence)), evidence, str(capture.attrs["modality"]))
+    return Certificate(tuple(judged(clauses, evidence)), evidence, str(capture.attrs["modality"]), tuple(required))
 
 
 def rows_of(certificate: Certificate) -> list[dict[str, Any]]:
