@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator
 from itertools import pairwise
@@ -32,7 +33,8 @@ SMALL = {
 
 
 def _loaded(folder: Path, name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+    package = folder / name / "__init__.py"
+    spec = importlib.util.spec_from_file_location(name, package if package.is_file() else folder / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
@@ -136,3 +138,20 @@ def test_the_shipped_weights_answer(modules: tuple[Any, Any]) -> None:
     use = answer["valid"].values & ~capture["truth_mixed"].values
     error = (answer["range"].values - capture["truth_range"].values)[use]
     assert answer["valid"].values.mean() > 0.5 and np.median(np.abs(error)) < 0.02
+
+
+def test_what_is_installed_holds_its_weights(tmp_path: Path) -> None:
+    """A plain installation lacked them, and an editable one kept them where the jail of a run does not read."""
+    import shutil
+    import zipfile
+
+    from setuptools import build_meta
+
+    project = shutil.copytree(Path(__file__).parents[1] / "docs" / "training-project", tmp_path / "project")
+    before = Path.cwd()
+    os.chdir(project)
+    try:
+        name = build_meta.build_wheel(str(tmp_path))
+    finally:
+        os.chdir(before)
+    assert {"gated_net/__init__.py", "gated_net/gated_net.npz"} <= set(zipfile.ZipFile(tmp_path / name).namelist())

@@ -94,6 +94,8 @@ def _place_text(place: Place) -> None:
 
 
 def _level(level: float | None) -> str:
+    if level == 1.0:
+        return "already that of the clean capture"
     return "none of the levels tried" if level is None else f"{level:g} times that of the clean capture"
 
 

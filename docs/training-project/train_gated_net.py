@@ -6,14 +6,18 @@
 
 A network knows the instruments that it was shown: in the landscapes of gated-10k the delays are coarser than the response, in
 gated-1k finer. NumPy alone: Adam on the Gaussian likelihood of place and standard error. Equal data and seed give equal weights on
-one machine. On a busy machine, set OPENBLAS_NUM_THREADS=1: the matrices are small.
+one machine.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from itertools import pairwise
 from pathlib import Path
+
+# The matrices are small: on a busy machine threads wait for each other, some ten times longer than one takes for all.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +113,7 @@ def main() -> None:
     """Train, calibrate on the part "validation", save."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, nargs="+", help="data sets")
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("gated_net.npz"))
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "gated_net" / "gated_net.npz")
     parser.add_argument("--epochs", type=int, default=40)
     parser.add_argument("--pixels", type=int, default=1000, help="of each capture")
     parser.add_argument("--seed", type=int, default=1)

@@ -90,6 +90,12 @@ def read_weights(path: str | None) -> dict[str, Float]:
     try:
         with np.load(file, allow_pickle=False) as data:
             weights = {name: np.asarray(data[name], np.float64) for name in names}
+    except PermissionError as error:
+        raise InputError(
+            "The weights of gated-net may not be read.", where=str(file), value=str(error)[:200],
+            allowed="in the jail of a run: files of installed packages, and files that a parameter names by an absolute path",
+            next_step=f"gated-net[weights={file.resolve()}]",
+        ) from error  # fmt: skip
     except (OSError, ValueError, KeyError) as error:
         raise InputError(
             "The weights of gated-net cannot be read.", where=str(file), value=str(error)[:200],
