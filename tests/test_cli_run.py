@@ -10,6 +10,7 @@ import pytest
 
 import beambench
 from beambench import cli
+from beambench.commands.run import _few
 
 SUITE = """
 schema_version = 1
@@ -130,3 +131,12 @@ def test_light_is_kept_apart_on_request(tmp_path: Path, capsys: pytest.CaptureFi
     capsys.readouterr()
     assert cli.main([*asked, str(tmp_path / "other.zarr"), "--fidelity", "auto"]) == 2
     assert "kept apart" in capsys.readouterr().err
+
+
+def test_few_warnings_of_a_kind_are_shown(tmp_path: Path) -> None:
+    """A dozen alike stood before the table; four are shown in full rather than three and «1 others»."""
+    many = [f"ResolutionWarning: {n}" for n in range(12)] + [f"TimeWarning: {n}" for n in range(4)] + ["SlipWarning: 1"]
+    shown = _few(many, tmp_path)
+    assert shown[:3] == many[:3]
+    assert shown[3] == f"ResolutionWarning: 9 others, in {tmp_path / 'run.json'}"
+    assert shown[4:] == many[12:]

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["REPORT", "RUN", "closing_of"]
 
+#: Warnings of one kind that the terminal shows.
+_OF_A_KIND = 3
+
 
 def closing_of(folder: str | Path, scores: pd.DataFrame | None = None) -> list[str]:
     """The last lines of a run in the terminal; `scores`: its table, where it was read already."""
@@ -48,9 +51,10 @@ def _run_text(result: RunResult, given: Arguments) -> None:
     from ..benchmarks.scores.tables import read_scores
     from ..generator.effect import LEFT_OUT
 
-    for warning in result.warnings:
-        if not (result.advice and LEFT_OUT in warning):  # one line of advice stands for all of these
-            print(f"warning: {warning}", file=sys.stderr)
+    # One line of advice stands for all warnings of what a rung leaves out.
+    told = [warning for warning in result.warnings if not (result.advice and LEFT_OUT in warning)]
+    for line in _few(told, result.out):
+        print(f"warning: {line}", file=sys.stderr)
     if result.advice:
         print(f"advice: {result.advice}", file=sys.stderr)
     print_lines(*(f"rung     {line}" for line in rung_lines(result.rungs)))
@@ -59,6 +63,19 @@ def _run_text(result: RunResult, given: Arguments) -> None:
     print_lines("", *closing_of(result.out, scores), f"tables   {result.out / 'scores.csv'}")
     if result.report:
         print_lines(f"page     {result.report.resolve()}")
+
+
+def _few(warnings: list[str], out: Path) -> list[str]:
+    """The first warnings of each kind, and how many others there are: a table of results would scroll out of sight."""
+    kinds: dict[str, list[str]] = {}
+    for warning in warnings:
+        kinds.setdefault(warning.partition(":")[0], []).append(warning)
+    lines = []
+    for kind, held in kinds.items():
+        lines += held if len(held) <= _OF_A_KIND + 1 else held[:_OF_A_KIND]
+        if len(held) > _OF_A_KIND + 1:
+            lines.append(f"{kind}: {len(held) - _OF_A_KIND} others, in {out / 'run.json'}")
+    return lines
 
 
 def _print_tables(scores: pd.DataFrame) -> None:
