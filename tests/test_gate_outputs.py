@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from beambench.benchmarks.gate.check import ABSTAINS, PASS, REGRESSION, Check
+from beambench.benchmarks.gate.check import ABSTAINS, PASS, REGRESSION, Check, decided, equal, measured
 from beambench.benchmarks.gate.figures import read_figures
-from beambench.benchmarks.gate.outputs import annotation_lines, append_history, junit
+from beambench.benchmarks.gate.gate import GateResult
+from beambench.benchmarks.gate.outputs import annotation_lines, append_history, check_record, junit
 from beambench.benchmarks.scores.inputs import write_inputs
 from beambench.cli import main
+from beambench.commands.gate import _text as gate_text
 from beambench.scenes.errors import InputError
 
 from ._api_fixtures import make_run
@@ -41,6 +44,32 @@ def test_junit_has_a_failure_for_a_regression_and_an_error_for_an_abstention() -
     assert suite is not None and (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
     failure = suite.find("testcase/failure")
     assert failure is not None and "+8.33 %" in str(failure.get("message"))
+
+
+def test_json_states_each_change_in_percent_beside_its_logarithm() -> None:
+    speed, rate, none = (
+        check_record(Check(figure, "a", change, change, effect))
+        for figure, change, effect in (
+            ("speed", math.log(4.2067), math.log(1.1)), ("failures", 0.02, 0.01), ("memory", math.nan, 1e6)
+        )
+    )  # fmt: skip
+    assert speed["change"] == pytest.approx(1.4367, abs=1e-4), "as before: a natural logarithm"
+    assert speed["change_percent"] == speed["high_percent"] == pytest.approx(320.67)
+    assert speed["effect_percent"] == pytest.approx(10) and rate["change_percent"] == pytest.approx(2)
+    assert math.isnan(none["change_percent"]) and none["effect_percent"] == math.inf
+
+
+@pytest.mark.parametrize("number", [3, 40])
+def test_the_table_shows_all_that_its_summary_counts(number: int, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = [equal(figure, f"estimator-{k}", 0.1) for figure in ("accuracy", "memory") for k in range(number)]
+    checks = decided([measured("speed", "slow on wall", 0.01, 0.001, 7, 0.1), *plain])
+    gate_text(GateResult(PASS, checks), {})
+    out = capsys.readouterr().out
+    assert f"{1 + 2 * number} pass" in out and "slow on wall" in out
+    if number == 3:
+        assert all(out.count(f"estimator-{k}") == 2 for k in range(number))
+    else:
+        assert out.count(f"{number} checks") == 2 and "estimator-" not in out
 
 
 def test_annotations_are_one_line_each_and_escaped() -> None:
