@@ -155,4 +155,43 @@ def test_another_suite_is_refused(run: Path, tmp_path: Path, capsys: pytest.Capt
     assert main(["gate", str(run), "--baseline", str(baseline), "--update", "--why", "x"]) == 0
     baseline.write_text(baseline.read_text().replace('"suite": "made-up"', '"suite": "other"'))
     assert main(["gate", str(run), "--baseline", str(baseline)]) == 2
-    assert "another suite" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "another suite" in told and "make a run of other" in told and "first baseline of made-up" in told
+
+
+def test_a_folder_without_a_run_is_answered_by_the_run_to_make(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    baseline, empty, other, begun = (tmp_path / name for name in ("b.json", "empty", "other", "begun"))
+    assert main(["gate", str(run), "--baseline", str(baseline), "--update", "--why", "x"]) == 0
+    empty.mkdir()
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    begun.mkdir()
+    (begun / "journal.jsonl").write_text('{"suite_hash": "h", "verb": "run"}\n')
+    for suite, folder, step in (
+        ("made-up", empty, f"suite made-up in it: beambench run SUITE.toml -o {empty}"),
+        ("quickstart", empty, f"suite quickstart in it: beambench run quickstart -o {empty}"),
+        ("quickstart", tmp_path / "none", f"beambench run quickstart -o {tmp_path / 'none'}"),
+        ("quickstart", other, "in a new folder: beambench run quickstart -o NEW_FOLDER"),
+        ("quickstart", begun, f"finish it: beambench run quickstart -o {begun} --resume"),
+    ):
+        kept = tmp_path / "kept.json"
+        kept.write_text(baseline.read_text().replace('"suite": "made-up"', f'"suite": "{suite}"'))
+        assert main(["gate", str(folder), "--baseline", str(kept)]) == 2
+        assert step in capsys.readouterr().err
+    assert main(["gate", str(empty), "--baseline", str(tmp_path / "new.json"), "--update", "--why", "x"]) == 2
+    assert f"make a run in it: beambench run SUITE.toml -o {empty}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "what"), [(b"", "an empty file"), (b"<<<<<<< HEAD\n{", "no JSON"), (b"\xff\xfe", "no JSON")]
+)
+def test_a_baseline_that_cannot_be_read_says_what_to_do(
+    content: bytes, what: str, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    baseline = tmp_path / "b.json"
+    baseline.write_bytes(content)
+    assert main(["gate", str(run), "--baseline", str(baseline)]) == 2
+    told = capsys.readouterr().err
+    assert what in told and "version control" in told and f"--baseline {baseline} --update --why" in told

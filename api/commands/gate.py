@@ -62,7 +62,7 @@ def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
 
     plain = [check for check in checks if check.state == "pass" and math.isnan(check.p_holm)]
     counts = Counter(check.figure for check in plain) if len(plain) > _PLAIN else Counter[str]()
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             check.state, check.figure, check.subject, change_text(check), _effect(check.figure, check.effect),
             "–" if math.isnan(check.p_holm) else f"{check.p_holm:.2g}", check.note,
