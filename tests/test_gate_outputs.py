@@ -195,3 +195,10 @@ def test_a_baseline_that_cannot_be_read_says_what_to_do(
     assert main(["gate", str(run), "--baseline", str(baseline)]) == 2
     told = capsys.readouterr().err
     assert what in told and "version control" in told and f"--baseline {baseline} --update --why" in told
+
+
+def test_a_baseline_that_the_system_does_not_give_has_a_next_step(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["gate", str(run), "--baseline", str(run / "run.json" / "b.json")]) == 2
+    assert "give another --baseline" in capsys.readouterr().err
