@@ -54,6 +54,24 @@ def test_each_verb_replaces_its_own_output_only(tmp_path: Path) -> None:
     assert tree(tmp_path / "run") == before
 
 
+@pytest.mark.parametrize("verb", [kinds.RUN, kinds.SWEEP], ids=lambda kind: kind.verb)
+def test_a_finished_run_is_not_to_be_finished(verb: Kind, tmp_path: Path) -> None:
+    a_run(tmp_path, verb.verb)
+    record = tmp_path / "run.json"
+
+    def told() -> str:
+        with pytest.raises(InputError, match="not empty") as caught, workplace(tmp_path, verb):
+            pytest.fail("let in")
+        return str(caught.value)
+
+    assert "--resume to finish it" in told()
+    record.write_text(json.dumps({"verb": verb.verb, "finished": "2026-01-02T03:04:05+00:00"}))
+    assert f"a finished {verb.verb}" in told() and "--resume" not in told() and "--overwrite" in told()
+    later = record.stat().st_mtime + 5
+    os.utime(tmp_path / "journal.jsonl", (later, later))
+    assert "--resume to finish it" in told(), "work was recorded after the end"
+
+
 def test_the_new_takes_the_place_of_the_old_and_leaves_what_is_not_ours(tmp_path: Path) -> None:
     out = tmp_path / "run"
     before = a_run(out)

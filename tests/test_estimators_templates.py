@@ -187,3 +187,9 @@ def test_editable_packages_are_found_by_their_entry_points(written: Path, tmp_pa
     for stage in STAGES:
         readme = (written / stage / "README.md").read_text()
         assert _named(stage) in readme and "pip install -e" in readme and "{" not in readme
+
+
+def test_a_stage_that_is_none_is_answered_by_the_nearest() -> None:
+    for word, near in (("gate", "did you mean gated"), ("centroids", "did you mean centroid")):
+        with pytest.raises(InputError, match=near):
+            beambench.estimators_new("my-own", stage=word)

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from beambench.benchmarks.gate.check import ABSTAINS, PASS, REGRESSION, Check
+from beambench.benchmarks.gate.check import ABSTAINS, PASS, REGRESSION, Check, decided, equal, measured
 from beambench.benchmarks.gate.figures import read_figures
-from beambench.benchmarks.gate.outputs import annotation_lines, append_history, junit
+from beambench.benchmarks.gate.gate import GateResult
+from beambench.benchmarks.gate.outputs import annotation_lines, append_history, check_record, junit
 from beambench.benchmarks.scores.inputs import write_inputs
 from beambench.cli import main
+from beambench.commands.gate import _text as gate_text
 from beambench.scenes.errors import InputError
 
 from ._api_fixtures import make_run
@@ -41,6 +44,32 @@ def test_junit_has_a_failure_for_a_regression_and_an_error_for_an_abstention() -
     assert suite is not None and (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
     failure = suite.find("testcase/failure")
     assert failure is not None and "+8.33 %" in str(failure.get("message"))
+
+
+def test_json_states_each_change_in_percent_beside_its_logarithm() -> None:
+    speed, rate, none = (
+        check_record(Check(figure, "a", change, change, effect))
+        for figure, change, effect in (
+            ("speed", math.log(4.2067), math.log(1.1)), ("failures", 0.02, 0.01), ("memory", math.nan, 1e6)
+        )
+    )  # fmt: skip
+    assert speed["change"] == pytest.approx(1.4367, abs=1e-4), "as before: a natural logarithm"
+    assert speed["change_percent"] == speed["high_percent"] == pytest.approx(320.67)
+    assert speed["effect_percent"] == pytest.approx(10) and rate["change_percent"] == pytest.approx(2)
+    assert math.isnan(none["change_percent"]) and none["effect_percent"] == math.inf
+
+
+@pytest.mark.parametrize("number", [3, 40])
+def test_the_table_shows_all_that_its_summary_counts(number: int, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = [equal(figure, f"estimator-{k}", 0.1) for figure in ("accuracy", "memory") for k in range(number)]
+    checks = decided([measured("speed", "slow on wall", 0.01, 0.001, 7, 0.1), *plain])
+    gate_text(GateResult(PASS, checks), {})
+    out = capsys.readouterr().out
+    assert f"{1 + 2 * number} pass" in out and "slow on wall" in out
+    if number == 3:
+        assert all(out.count(f"estimator-{k}") == 2 for k in range(number))
+    else:
+        assert out.count(f"{number} checks") == 2 and "estimator-" not in out
 
 
 def test_annotations_are_one_line_each_and_escaped() -> None:
@@ -126,4 +155,50 @@ def test_another_suite_is_refused(run: Path, tmp_path: Path, capsys: pytest.Capt
     assert main(["gate", str(run), "--baseline", str(baseline), "--update", "--why", "x"]) == 0
     baseline.write_text(baseline.read_text().replace('"suite": "made-up"', '"suite": "other"'))
     assert main(["gate", str(run), "--baseline", str(baseline)]) == 2
-    assert "another suite" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "another suite" in told and "make a run of other" in told and "first baseline of made-up" in told
+
+
+def test_a_folder_without_a_run_is_answered_by_the_run_to_make(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    baseline, empty, other, begun = (tmp_path / name for name in ("b.json", "empty", "other", "begun"))
+    assert main(["gate", str(run), "--baseline", str(baseline), "--update", "--why", "x"]) == 0
+    empty.mkdir()
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    begun.mkdir()
+    (begun / "journal.jsonl").write_text('{"suite_hash": "h", "verb": "run"}\n')
+    for suite, folder, step in (
+        ("made-up", empty, f"suite made-up in it: beambench run SUITE.toml -o {empty}"),
+        ("quickstart", empty, f"suite quickstart in it: beambench run quickstart -o {empty}"),
+        ("quickstart", tmp_path / "none", f"beambench run quickstart -o {tmp_path / 'none'}"),
+        ("quickstart", other, "in a new folder: beambench run quickstart -o NEW_FOLDER"),
+        ("quickstart", begun, f"finish it: beambench run quickstart -o {begun} --resume"),
+    ):
+        kept = tmp_path / "kept.json"
+        kept.write_text(baseline.read_text().replace('"suite": "made-up"', f'"suite": "{suite}"'))
+        assert main(["gate", str(folder), "--baseline", str(kept)]) == 2
+        assert step in capsys.readouterr().err
+    assert main(["gate", str(empty), "--baseline", str(tmp_path / "new.json"), "--update", "--why", "x"]) == 2
+    assert f"make a run in it: beambench run SUITE.toml -o {empty}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "what"), [(b"", "an empty file"), (b"<<<<<<< HEAD\n{", "no JSON"), (b"\xff\xfe", "no JSON")]
+)
+def test_a_baseline_that_cannot_be_read_says_what_to_do(
+    content: bytes, what: str, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    baseline = tmp_path / "b.json"
+    baseline.write_bytes(content)
+    assert main(["gate", str(run), "--baseline", str(baseline)]) == 2
+    told = capsys.readouterr().err
+    assert what in told and "version control" in told and f"--baseline {baseline} --update --why" in told
+
+
+def test_a_baseline_that_the_system_does_not_give_has_a_next_step(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["gate", str(run), "--baseline", str(run / "run.json" / "b.json")]) == 2
+    assert "give another --baseline" in capsys.readouterr().err

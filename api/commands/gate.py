@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..console import print_lines, print_table
 from .build import Arguments, View, command, lines
 
 if TYPE_CHECKING:
+    from ..benchmarks.gate.check import Check
     from ..benchmarks.gate.gate import GateResult
 
 __all__ = ["GATE"]
 
 _CODES = {"pass": 0, "regression": 1, "abstains": 3}
+#: Checks that pass without a test and have a row each; more are told by their number.
+_PLAIN = 12
 
 
 def _json(result: GateResult, given: Arguments) -> dict[str, Any]:
+    from ..benchmarks.gate.outputs import check_record
+
     return {
         "verdict": result.verdict,
-        "checks": [asdict(check) for check in result.checks],
+        "checks": [check_record(check) for check in result.checks],
         "same_code": {name: {"log": same, "half_99": half} for name, (same, half) in result.same.items()},
         "notes": result.notes,
         "baseline": str(result.baseline),
@@ -29,23 +35,16 @@ def _json(result: GateResult, given: Arguments) -> dict[str, Any]:
 
 
 def _text(result: GateResult, given: Arguments) -> None:
-    from ..benchmarks.gate.outputs import annotation_lines, change_text
+    from ..benchmarks.gate.outputs import annotation_lines
 
     for name, (same, half) in result.same.items():
         print_lines(f"A/A      {name}: {100 * math.expm1(same):+.2f} % ± {100 * half:.2f} % (99 %)")
-    odd = [check for check in result.checks if check.state != "pass" or not math.isnan(check.p_holm)]
-    if odd:
+    if result.checks:
         print_table(
             ("verdict", "figure", "of", "change", "must stay below", "p (Holm)", "note"),
-            [
-                (
-                    check.state, check.figure, check.subject, change_text(check), _effect(check.figure, check.effect),
-                    "–" if math.isnan(check.p_holm) else f"{check.p_holm:.2g}", check.note,
-                )
-                for check in odd
-            ],
+            _rows(result.checks),
             right=("change", "must stay below", "p (Holm)"),
-        )  # fmt: skip
+        )
     if os.environ.get("GITHUB_ACTIONS") == "true":
         print_lines(*annotation_lines(result.checks))
     print_lines(*result.notes)
@@ -57,10 +56,32 @@ def _text(result: GateResult, given: Arguments) -> None:
     print_lines(f"gate     {result.verdict}: {told}")
 
 
+def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
+    """A row per check; of many that pass without a test (equal numbers, too few bytes) a row per figure, with their number."""
+    from ..benchmarks.gate.outputs import change_text
+
+    plain = [check for check in checks if check.state == "pass" and math.isnan(check.p_holm)]
+    counts = Counter(check.figure for check in plain) if len(plain) > _PLAIN else Counter[str]()
+    rows: list[tuple[str, ...]] = [
+        (
+            check.state, check.figure, check.subject, change_text(check), _effect(check.figure, check.effect),
+            "–" if math.isnan(check.p_holm) else f"{check.p_holm:.2g}", check.note,
+        )
+        for check in checks
+        if not (counts and check in plain)
+    ]  # fmt: skip
+    return rows + [
+        ("pass", figure, f"{count} checks", "–", "–", "–", "equal numbers, or a change too small to test")
+        for figure, count in counts.items()
+    ]
+
+
 def _effect(figure: str, effect: float) -> str:
+    from ..benchmarks.gate.outputs import in_percent
+
     if math.isnan(effect):
         return "–"
-    return f"{100 * effect:.2g} points" if figure in ("failures", "coverage") else f"{100 * math.expm1(effect):.2g} %"
+    return f"{in_percent(figure, effect):.2g} {'points' if figure in ('failures', 'coverage') else '%'}"
 
 
 def _code(result: GateResult) -> int:

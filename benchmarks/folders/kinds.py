@@ -22,6 +22,7 @@ __all__ = [
     "SWEEP",
     "TWIN",
     "Kind",
+    "is_finished",
     "slug",
     "verb_in",
 ]
@@ -101,6 +102,15 @@ def verb_in(folder: Path) -> str:
     if _begins(folder / "fidelity.csv", "modality,scene,rung,"):
         return "fidelity"
     return ""
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a run or sweep in a folder came to its end: its run.json says when, and no work was recorded after it."""
+    try:
+        later = (folder / "journal.jsonl").stat().st_mtime > (folder / "run.json").stat().st_mtime
+    except OSError:
+        later = False
+    return isinstance(_read(folder / "run.json").get("finished"), str) and not later
 
 
 def _files_of_labels(folder: Path) -> list[str]:

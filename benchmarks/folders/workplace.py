@@ -18,7 +18,7 @@ from pathlib import Path
 from ...scenes.errors import InputError
 from ...scenes.places import local_path
 from .exchange import EXCHANGE, UNFINISHED, exchange, finish_exchange, remove_owned
-from .kinds import Kind, verb_in
+from .kinds import Kind, is_finished, verb_in
 
 __all__ = ["UNFINISHED", "locked", "output_folder", "refuse_inputs", "refuse_place", "workplace"]
 
@@ -211,9 +211,12 @@ def _held(folder: Path) -> list[str]:
 def _admit(out: Path, kind: Kind, held: list[str], *, resume: bool, overwrite: bool) -> None:
     """Refuse a folder into which the verb must not write."""
     if not (resume or overwrite):
-        also = "--resume to finish it, " if kind.resumes else ""
+        done = kind.resumes and verb_in(out) == kind.verb and is_finished(out)
+        also = "--resume to finish it, " if kind.resumes and not done else ""
         raise InputError(
-            "The output folder exists and is not empty.",
+            f"The output folder holds a finished {kind.verb}; it is not empty."
+            if done
+            else "The output folder exists and is not empty.",
             where="--out",
             value=str(out),
             next_step=f"add {also}--overwrite to replace it, or choose another --out",

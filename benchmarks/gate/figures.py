@@ -25,6 +25,7 @@ from ..scores.error_tiles import read_tiles
 from ..scores.inputs import read_inputs
 from ..scores.tables import read_scores
 from ..statistics.skips import not_applicable
+from .refusals import no_json
 
 __all__ = ["CellKey", "Figures", "Row", "RowKey", "folded", "read_baseline", "read_figures", "write_baseline"]
 
@@ -181,8 +182,13 @@ def read_baseline(path: Path) -> Figures:
             "There is no baseline.", where=str(path), allowed="a file written by gate --update, or the folder of a run",
             next_step=f"beambench gate RUN --baseline {path} --update --why 'first baseline'",
         ) from error  # fmt: skip
-    except (OSError, ValueError) as error:
-        raise InputError("The baseline cannot be read.", where=str(path), value=reason(error)) from error
+    except ValueError as error:
+        raise no_json(path, error) from error
+    except OSError as error:
+        raise InputError(
+            "The baseline cannot be read.", where=str(path), value=reason(error),
+            next_step="check its permissions, or give another --baseline",
+        ) from error  # fmt: skip
     if not isinstance(data, dict) or data.get("format") != _FORMAT:
         raise InputError(
             "The file is not a baseline.", where=str(path), allowed="a file written by beambench gate --update",

@@ -18,6 +18,7 @@ from .figures import Figures, read_baseline, read_figures, write_baseline
 from .outputs import append_history, junit
 from .paired import Effects, paired_checks
 from .reference import commit_of
+from .refusals import no_run, other_suite
 from .sides import Plan
 from .speed import Timed
 from .stored import memory_checks, yardstick_checks
@@ -54,6 +55,8 @@ def update_baseline(folder: Path, path: Path, *, why: str | None, who: str, proj
             "A baseline is not replaced without a reason.", where="--why", allowed="one sentence for those who read the file",
             next_step="add: --why 'new estimator, errors fall by 8 %'",
         )  # fmt: skip
+    if error := no_run(folder, ""):
+        raise error
     figures = read_figures(folder)
     if not figures.rows or not all(figures.inputs.values()):
         raise InputError(
@@ -86,14 +89,12 @@ def gate_run(
     Raises:
         InputError: bad input.
     """
-    whole, old = read_figures(folder), read_baseline(baseline)
+    old = read_baseline(baseline)
+    if error := no_run(folder, str(old.head["suite"])):
+        raise error
+    whole = read_figures(folder)
     if old.head["suite"] != whole.head["suite"]:
-        raise InputError(
-            "The baseline is of another suite.",
-            where=str(baseline),
-            value=old.head["suite"],
-            allowed=whole.head["suite"],
-        )
+        raise other_suite(folder, baseline, mine=str(whole.head["suite"]), theirs=str(old.head["suite"]))
     if old.head["tables_version"] != whole.head["tables_version"]:
         raise other_version(
             "The baseline's figures follow another version of the tables, in which columns meant something else.",

@@ -7,7 +7,9 @@ import io
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from ...scenes.errors import InputError
@@ -15,16 +17,35 @@ from ..folders.files import write_text
 from .check import ABSTAINS, REGRESSION, Check
 from .figures import Figures
 
-__all__ = ["annotation_lines", "append_history", "change_text", "junit"]
+__all__ = ["annotation_lines", "append_history", "change_text", "check_record", "in_percent", "junit"]
+
+#: Figures whose changes are differences of rates; those of all others are natural logarithms of ratios.
+_RATES = ("failures", "coverage")
+
+
+def in_percent(figure: str, value: float) -> float:
+    """A change, limit or effect of a check in percent, 100 (e^x - 1) of the logarithm x; of rates in percentage points, 100 x."""
+    if figure in _RATES:
+        return 100.0 * value
+    try:
+        return 100.0 * math.expm1(value)
+    except OverflowError:
+        return math.inf
 
 
 def change_text(check: Check) -> str:
     """The change of a check for people: in percent, or in percentage points for rates."""
     if math.isnan(check.change):
         return "–"
-    if check.figure in ("failures", "coverage"):
-        return f"{100 * check.change:+.2f} points"
-    return f"{100 * math.expm1(check.change):+.2f} %"
+    return f"{in_percent(check.figure, check.change):+.2f} {'points' if check.figure in _RATES else '%'}"
+
+
+def check_record(check: Check) -> dict[str, Any]:
+    """A check for programs: its fields, and `change`, `high` and `effect` in percent beside them (see `in_percent`)."""
+    percent = {
+        f"{name}_percent": in_percent(check.figure, getattr(check, name)) for name in ("change", "high", "effect")
+    }
+    return asdict(check) | percent
 
 
 def _line(check: Check) -> str:

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ...scenes.errors import InputError
+from .build_errors import build_error, unmet_requirements
 
 __all__ = ["CannotBuild", "build_reference", "commit_of"]
 
@@ -76,7 +77,13 @@ def build_reference(against: str, project: Path, scratch: Path) -> Path:
     if unpacked.returncode:
         raise CannotBuild(f"tar: {unpacked.stderr.decode(errors='replace').strip()}")
     # The build tools of this environment are used where it has them: nothing is downloaded then.
-    _install(str(tree / inside), target, ("--no-build-isolation",) if find_spec("setuptools") else ())
+    alone = find_spec("setuptools") is None
+    try:
+        _install(str(tree / inside), target, () if alone else ("--no-build-isolation",))
+    except CannotBuild as error:
+        if not alone and (unmet := unmet_requirements(tree / inside)):
+            raise CannotBuild(f"{unmet} ({error})") from error
+        raise
     return target
 
 
@@ -92,5 +99,4 @@ def _install(what: str, target: Path, options: tuple[str, ...]) -> None:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CannotBuild(str(error)) from error
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        raise CannotBuild("pip install: " + " ".join(lines[-3:])[:400])
+        raise CannotBuild(f"pip install: {build_error(done.stderr or done.stdout)}")

@@ -43,9 +43,13 @@ def is_main_quantity(stage: str, quantity: str) -> bool:
 def stage_of(word: object) -> Stage:
     """The stage that a word (the argument of `@estimator`) names. Raises InputError for an unknown one."""
     from ...scenes.errors import InputError
+    from ...scenes.nearest import did_you_mean
 
     if not isinstance(word, str) or word not in stages():
-        raise InputError("There is no such stage.", where="stage", value=word, allowed=", ".join(stages()))
+        raise InputError(
+            "There is no such stage.", where="stage", value=word, allowed=", ".join(stages()),
+            next_step=did_you_mean(str(word), stages()),
+        )  # fmt: skip
     return stages()[word]
 
 
