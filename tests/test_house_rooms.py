@@ -44,7 +44,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks": (
         "folders", "statistics", "suites", "scores", "bounds", "written", "judges", "runner", "laws", "report", "looks", "datasets",
-        "card", "design", "search", "peers", "fidelity", "rungs", "measure", "run", "gate", "twin", "checks",
+        "card", "design", "search", "peers", "fidelity", "rungs", "ahead", "measure", "run", "gate", "twin", "checks",
         "reproduce",
     ),
     "api": ("output", "console", "health", "verbs", "commands", "cli", "__main__"),

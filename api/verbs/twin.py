@@ -64,29 +64,33 @@ def twin(
     Raises:
         InputError: A recording that cannot be split, a rig or scene of another kind, or a modality without clauses.
     """
-    from ..benchmarks.folders.kinds import TWIN, slug
-    from ..benchmarks.folders.workplace import output_folder, refuse_inputs, workplace
+    from ..benchmarks.folders.kinds import slug
+    from ..benchmarks.folders.workplace import output_folder, refuse_inputs
     from ..benchmarks.twin.clause import Ask
-    from ..benchmarks.twin.run import certified, write_certificate
+    from ..benchmarks.twin.run import certified
     from ..captures import open_captures
 
-    store = open_captures(real)
-    capture = store[_index(index, len(store))]
+    capture = (store := open_captures(real))[_index(index, len(store))]
     folder = output_folder(out, f"twin-{slug(Path(real).stem)}", resume=False, overwrite=overwrite)
     refuse_inputs(folder, [real, *([rig] if rig is not None else [])])
     held = _rig(rig, str(capture.attrs["modality"]), Path(real).name)
-    tolerances = _tolerances(tolerance)
+    tolerances, ranked = _tolerances(tolerance), list(estimator or _RANKED)
     required = [require] if isinstance(require, str) else list(require or ())
-    found = certified(
-        capture, Ask(held, scene, fidelity, draws, seed, tuple(estimator or _RANKED)), tolerances, required
-    )
+    found = certified(capture, Ask(held, scene, fidelity, draws, seed, tuple(ranked)), tolerances, required)
     record = {
-        "verb": TWIN.verb, "command": list(command), "index": index, "fidelity": fidelity, "draws": draws, "seed": seed,
-        "rig": _text(rig), "scene": _text(scene), "estimators": list(estimator or _RANKED), "tolerance": tolerances,
-        "require": required,
+        "command": list(command), "index": index, "fidelity": fidelity, "draws": draws, "seed": seed, "rig": _text(rig),
+        "scene": _text(scene), "estimators": ranked, "tolerance": tolerances, "require": required,
     }  # fmt: skip
+    return _written(found, Path(real).name, folder, record, overwrite)
+
+
+def _written(found: Certificate, recording: str, folder: Path, record: dict[str, object], overwrite: bool) -> Twin:
+    from ..benchmarks.folders.kinds import TWIN
+    from ..benchmarks.folders.workplace import workplace
+    from ..benchmarks.twin.run import write_certificate
+
     with workplace(folder, TWIN, overwrite=overwrite) as work:
-        write_certificate(found, Path(real).name, work, record)
+        write_certificate(found, recording, work, {"verb": TWIN.verb} | record)
     return Twin(found, folder)
 
 
