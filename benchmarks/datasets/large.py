@@ -154,6 +154,8 @@ def _found(draws: Draws, out: Path, identity: str, *, resume: bool, overwrite: b
     from ...captures.store.shard_manifest import is_sharded, load_sharded
 
     if not (resume and is_sharded(out)):
+        if not overwrite and is_sharded(out):
+            _advise(draws, out, identity)
         refuse_existing(out, overwrite)
         return None, None
     manifest = load_sharded(out)
@@ -164,6 +166,28 @@ def _found(draws: Draws, out: Path, identity: str, *, resume: bool, overwrite: b
     if manifest.count == draws.data.captures:
         return Made(out, manifest.content, manifest.count, kept=manifest.count), None
     return None, out
+
+
+def _advise(draws: Draws, out: Path, identity: str) -> None:
+    """Refuse a complete store of this data set, and say what --resume would do. Raises InputError."""
+    from ...captures.store.shard_manifest import load_sharded
+
+    asked = draws.data.captures
+    try:
+        manifest = load_sharded(out)
+    except InputError:
+        return  # `refuse_existing` says what is in the way
+    if manifest.facts.get("identity") != identity or asked < manifest.count:
+        return
+    grows = (
+        f"--resume keeps them and makes {asked - manifest.count} more"
+        if asked > manifest.count
+        else f"with --resume it grows: --set captures={2 * asked} makes {asked} more"
+    )
+    raise InputError(
+        f"The output exists: it holds {manifest.count} captures of this data set.", where=str(out),
+        next_step=f"{grows}; or choose another --out, or add --overwrite",
+    )  # fmt: skip
 
 
 class _Run:
