@@ -12,6 +12,8 @@ import pytest
 import beambench
 from beambench import cli
 from beambench.benchmarks.datasets import large
+from beambench.benchmarks.datasets.large import Force, make_dataset
+from beambench.scenes.datasets.load import load_dataset
 from beambench.scenes.errors import InputError
 
 from ._data_sets import QUICK, tiny
@@ -56,6 +58,20 @@ def test_an_interrupted_data_set_tells_the_command_that_goes_on(
         assert "12 captures of this data set" in told and "--resume" in told and advice in told
     assert cli.main([*words, "--set", "seed=6"]) == 2  # another data set: --resume would refuse it, too
     assert "--resume" not in capsys.readouterr().err
+
+
+def test_progress_says_at_once_what_is_done_and_tells_no_time_of_its_own(tmp_path: Path) -> None:
+    source, out = load_dataset(tiny(QUICK, captures=12)), tmp_path / "out"
+    told: list[tuple[str, int, int, str]] = []
+    for draws, resume in ((source, False), (load_dataset(tiny(QUICK, captures=16)), True)):
+        make_dataset(
+            draws, out, Force(1), resume=resume, overwrite=False, tell=lambda *step: told.append(step)
+        )  # fmt: skip
+    assert told[:2] == [("generate", 0, 12, "pilot"), ("generate", 0, 12, "workers start")]
+    again = told.index(("check", 0, 1, "captures that are there"))
+    assert told[again - 1] == ("generate", 12, 12, "")
+    assert told[again + 1 : again + 3] == [("check", 1, 1, ""), ("generate", 12, 16, "workers start")]
+    assert told[-1] == ("generate", 16, 16, "") and not any("left" in text for *_, text in told)
 
 
 def test_nothing_is_told_of_what_was_not_begun(tmp_path: Path) -> None:
