@@ -206,7 +206,8 @@ def _read(
     stores: Sequence[Path], min_snr: float, rng: np.random.Generator, tell: Tell
 ) -> tuple[list[tuple[Float, Float, Float]], list[str], float]:
     """(samples of each capture, words of each store, the greatest excess noise factor); a signal ends it between two captures."""
-    samples, names, excess = [], [], 1.0
+    samples: list[tuple[Float, Float, Float]] = []
+    names, excess = [], 1.0
     opened = [(path.stem, open_captures(path)) for path in stores]
     total = sum(len(captures) for _, captures in opened)
     for stem, captures in opened:

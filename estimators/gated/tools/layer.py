@@ -16,8 +16,9 @@ from ....optics.jit import kernel
 __all__ = ["BLOCK", "normal_sums"]
 
 Float = npt.NDArray[np.float64]
-#: Pixels of a block: between two blocks a signal ends the process, and progress is told.
+#: Most pixels of a block, and most products: between two blocks a signal ends the process, and progress is told.
 BLOCK = 8192
+_PRODUCTS = 120_000_000
 #: Pixels whose rows stay in the cache of a processor while their products are added.
 _ROWS = 32
 
@@ -56,8 +57,9 @@ def normal_sums(
     """
     width = 1 + layer[0].size + layer[3].size
     products, right = np.zeros((width, width)), np.zeros(width)
-    for begin in range(0, targets.size, BLOCK):
-        end = min(begin + BLOCK, targets.size)
+    block = max(1, min(BLOCK, _PRODUCTS // width**2))
+    for begin in range(0, targets.size, block):
+        end = min(begin + block, targets.size)
         _add(features[begin:end], targets[begin:end], *layer, products, right)
         tell(end)
     return np.triu(products) + np.triu(products, 1).T, right
