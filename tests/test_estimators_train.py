@@ -12,6 +12,8 @@ import beambench
 from beambench import cli
 from beambench.benchmarks.suites.suite import load_suite
 from beambench.estimators import run_estimator
+from beambench.estimators.gated.tools import layer
+from beambench.estimators.gated.train import fit
 from beambench.scenes.errors import InputError
 
 SIZE = {"rig.camera.rows": 40, "rig.camera.cols": 40}
@@ -50,6 +52,45 @@ def test_the_command(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "captures" in capsys.readouterr().out and out.is_file()
     assert cli.main(arguments) == 2  # never over an existing file
     assert cli.main([*arguments, "--overwrite", "--seed", "2"]) == 0
+
+
+def test_progress_tells_captures_then_pixels(data: Path, tmp_path: Path) -> None:
+    told: list[tuple[str, int, int, str]] = []
+    found = beambench.estimators_train(data, out=tmp_path / "w.npz", units=8, progress=lambda *step: told.append(step))
+    assert [step for step in told if step[0] == "read"] == [
+        ("read", 0, 2, "a-dim"), ("read", 1, 2, "b-bright"), ("read", 2, 2, ""),
+    ]  # fmt: skip
+    fits = [step for step in told if step[0] == "fit"]
+    assert told[3:] == fits and fits[0][1] == 0 and fits[-1][1] == fits[-1][2] > 0.8 * found["pixels"]
+
+
+def test_the_sums_of_blocks_are_the_products_of_all_pixels() -> None:
+    rng = np.random.default_rng(1)
+    features, targets = rng.normal(size=(2 * layer.BLOCK + 77, 3)), rng.normal(size=2 * layer.BLOCK + 77)
+    centre, scale, hidden, bias = rng.normal(size=3), rng.uniform(1, 2, 3), rng.normal(size=(5, 3)), rng.normal(size=5)
+    steps: list[int] = []
+    products, right = layer.normal_sums(features, targets, (centre, scale, hidden, bias), steps.append)
+    f = (features - centre) * scale
+    x = np.concatenate([np.ones((len(f), 1)), f, np.tanh(f @ hidden.T + bias)], axis=1)
+    np.testing.assert_allclose(products, x.T @ x, rtol=1e-10, atol=1e-8)
+    np.testing.assert_allclose(right, x.T @ targets, rtol=1e-10, atol=1e-8)
+    assert steps == [layer.BLOCK, 2 * layer.BLOCK, 2 * layer.BLOCK + 77]
+
+
+def test_training_ends_between_two_blocks() -> None:
+    """A signal is heard where Python goes on: no call takes all pixels at once."""
+    rng, steps = np.random.default_rng(1), []
+    count = 8 * layer.BLOCK
+    features, answers = rng.uniform(1.0, 2.0, (count, 24)), rng.normal(size=count) * 0.1
+
+    def tell(stage: str, done: int, total: int, text: str) -> None:
+        steps.append(done)
+        if done >= 2 * layer.BLOCK:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fit(features, answers, np.ones(count), units=8, ridge=1e-5, seed=1, tell=tell)
+    assert steps == [0, layer.BLOCK, 2 * layer.BLOCK]
 
 
 def test_data_that_cannot_be_used_are_told(data: Path, tmp_path: Path) -> None:

@@ -139,6 +139,7 @@ def estimators_train(
     ridge: float = 1e-5,
     seed: int = 1,
     overwrite: bool = False,
+    progress: Progress | None = None,
 ) -> dict[str, float]:
     """Train the learned estimator on stored captures. Use the weights as 'learned[weights=FILE]'.
 
@@ -150,6 +151,7 @@ def estimators_train(
         ridge: Penalty of the linear solve.
         seed: Random seed of the layer and of the split of the data.
         overwrite: Replace an existing file.
+        progress: Receives every capture that is read, then the pixels that are fitted.
 
     Returns:
         Numbers of captures and pixels, the rms error on pixels held out and that of the first guess (both in units of the
@@ -158,6 +160,7 @@ def estimators_train(
     Raises:
         InputError: Data that cannot be used, or an output that exists.
     """
+    from ..benchmarks.folders.progress import silent
     from ..estimators import train
     from ..scenes.errors import InputError
     from ..scenes.places import local_path
@@ -171,4 +174,4 @@ def estimators_train(
     if not isinstance(out, str | Path):
         raise InputError("The weights are written to a file.", where="out", value=out, allowed="a path, as w.npz")
     check_free(out, overwrite=overwrite)
-    return train(paths, local_path(out), units=units, ridge=ridge, seed=seed)
+    return train(paths, local_path(out), units=units, ridge=ridge, seed=seed, tell=progress or silent)

@@ -140,6 +140,7 @@ def _made_of(source: Any, changes: dict[str, Any], given: dict[str, Any], how: _
 
 def _data_set(source: Any, changes: dict[str, Any], seeds: Any, how: _How) -> Generated:
     from ..benchmarks.datasets.generate import Generated
+    from ..benchmarks.datasets.kept import kept_note
     from ..benchmarks.datasets.large import Force, make_dataset, make_part
     from ..benchmarks.datasets.outline import outline
     from ..benchmarks.datasets.slurm import part_of
@@ -161,7 +162,12 @@ def _data_set(source: Any, changes: dict[str, Any], seeds: Any, how: _How) -> Ge
     force, tell = Force(workers, how.force["--dask"], how.force["--time-limit-s"]), how.progress or silent
     if how.force["--job"] is not None:
         return Generated([], [place], made=make_part(draws, place, part_of(how.force["--job"]), force, tell))
-    made = make_dataset(draws, place, force, resume=how.resume, overwrite=how.overwrite, tell=tell)
+    try:
+        made = make_dataset(draws, place, force, resume=how.resume, overwrite=how.overwrite, tell=tell)
+    except KeyboardInterrupt as error:
+        if note := kept_note(source, changes, place):
+            error.add_note(note)
+        raise
     return Generated([], [made.path], made=made)
 
 
@@ -210,7 +216,7 @@ def _array(source: Any, changes: dict[str, Any], draws: Draws, place: Path, how:
     word = str(Path(source).absolute()) if Path(source).is_file() else str(source)
     made = begin_dataset(draws, place, resume=how.resume, overwrite=how.overwrite)
     tasks = array_size(how.force["--array"], made.missing)
-    write_text(file, script_text(draws.data.dataset, [word], changes, place, tasks))
+    write_text(file, script_text(draws.data.dataset, word, changes, place, tasks))
     return Generated([], [place], made=made, script=file)
 
 

@@ -78,8 +78,13 @@ def make_dataset(draws: Draws, out: Path, force: Force, *, resume: bool, overwri
     complete, grown = _found(draws, out, identity, resume=resume, overwrite=overwrite)
     if complete is not None:
         return complete
+    new = grown is None and not (resume and partial.exists())
+    stage, steps, what = ("generate", draws.data.captures, "pilot") if new else ("check", 1, "captures that are there")
+    tell(stage, 0, steps, what)
     try:
         with opened(partial, draws, identity, resume=resume, overwrite=overwrite, grown=grown) as place:
+            if not new:
+                tell(stage, steps, steps, "")
             made = _Run(draws, partial, identity, place, tell).all(force)
             made.path, made.remade = out, place.damaged
         manifest = publish_sharded(partial, out, overwrite=overwrite or resume)
@@ -154,6 +159,8 @@ def _found(draws: Draws, out: Path, identity: str, *, resume: bool, overwrite: b
     from ...captures.store.shard_manifest import is_sharded, load_sharded
 
     if not (resume and is_sharded(out)):
+        if not overwrite and is_sharded(out):
+            _advise(draws, out, identity)
         refuse_existing(out, overwrite)
         return None, None
     manifest = load_sharded(out)
@@ -164,6 +171,28 @@ def _found(draws: Draws, out: Path, identity: str, *, resume: bool, overwrite: b
     if manifest.count == draws.data.captures:
         return Made(out, manifest.content, manifest.count, kept=manifest.count), None
     return None, out
+
+
+def _advise(draws: Draws, out: Path, identity: str) -> None:
+    """Refuse a complete store of this data set, and say what --resume would do. Raises InputError."""
+    from ...captures.store.shard_manifest import load_sharded
+
+    asked = draws.data.captures
+    try:
+        manifest = load_sharded(out)
+    except InputError:
+        return  # `refuse_existing` says what is in the way
+    if manifest.facts.get("identity") != identity or asked < manifest.count:
+        return
+    grows = (
+        f"--resume keeps them and makes {asked - manifest.count} more"
+        if asked > manifest.count
+        else f"with --resume it grows: --set captures={2 * asked} makes {asked} more"
+    )
+    raise InputError(
+        f"The output exists: it holds {manifest.count} captures of this data set.", where=str(out),
+        next_step=f"{grows}; or choose another --out, or add --overwrite",
+    )  # fmt: skip
 
 
 class _Run:
@@ -181,7 +210,9 @@ class _Run:
         missing = [len(job.rows) for job in self._missing()]
         #: Shards that are missing, and captures that are there.
         self.count, self.kept = len(missing), sum(own) - sum(missing)
-        self._total, self._done, self._began = sum(own), self.kept, time.monotonic()
+        self._total, self._done = sum(own), self.kept
+        #: When the first capture came, and how many were there then.
+        self._began: tuple[float, int] | None = None
 
     def all(self, force: Force) -> Made:
         """Make all missing shards. Raises InputError where some could not be made; all others are there then."""
@@ -189,6 +220,7 @@ class _Run:
         made = Made(self._partial, kept=self.kept)
         lost: list[Task] = []
         if self.count:
+            self._tell("generate", self.kept, self._total, "workers start")
             with self._crew(force, self._place.lock) as crew:
                 for task in crew.run((self._task(job) for job in self._missing()), self._heard):
                     if task.done is None:
@@ -257,16 +289,10 @@ class _Run:
 
     def _heard(self, index: int) -> None:
         self._done = min(self._done + 1, self._total - 1)
-        made = self._done - self.kept
-        rate = made / max(time.monotonic() - self._began, 1e-3)
-        left = (self._total - self._done) / rate if rate > 0.0 else 0.0
-        self._tell("generate", self._done, self._total, f"{_time_text(left)} left, {rate:.3g} captures/s")
-
-
-def _time_text(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+        now = time.monotonic()
+        self._began = self._began or (now, self._done)
+        passed, made = now - self._began[0], self._done - self._began[1]
+        self._tell("generate", self._done, self._total, f"{made / passed:.3g} captures/s" if passed > 1.0 else "")
 
 
 def _incomplete(lost: list[Task], partial: Path) -> InputError:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ...scenes.errors import InputError
+from .kept import command_of
 
 __all__ = ["array_size", "part_of", "script_text"]
 
@@ -36,20 +37,17 @@ def array_size(asked: int | None, shards: int) -> int:
     return min(asked if asked is not None else _MOST, max(shards, 1))
 
 
-def script_text(name: str, words: Sequence[str], overrides: Mapping[str, Any], out: Path, tasks: int) -> str:
+def script_text(name: str, word: str, overrides: Mapping[str, Any], out: Path, tasks: int) -> str:
     """The script.
 
     Main arguments:
-        name: of the data set. words: what names it for `beambench generate`. overrides: values of --set. out: the store.
+        name: of the data set. word: what names it for `beambench generate`. overrides: values of --set. out: the store.
         tasks: of the array.
 
     `bash FILE` submits the array and, behind it, the run that makes what is missing and completes the store; `sbatch FILE` submits
     the array alone. Submitted again, it makes what is missing.
     """
-    import json
-
-    sets = [part for path, value in overrides.items() for part in ("--set", f"{path}={json.dumps(value)}")]
-    command = shlex.join([sys.executable, "-m", "beambench", "generate", *words, *sets, "-o", str(out.absolute())])
+    command = shlex.join([sys.executable, "-m", "beambench", *command_of(word, overrides, out.absolute())])
     job = re.sub(r"[^A-Za-z0-9_.-]", "-", name)
     return f"""#!/bin/bash
 # Makes the data set {job}: task K of the array makes shards K, K + {tasks}, … of those that are missing.

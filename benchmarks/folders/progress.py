@@ -26,22 +26,30 @@ def silent(stage: str, done: int, total: int, text: str) -> None:
     """Say nothing."""
 
 
+#: Time after the first step before which nothing is said of the time that is left, s.
+_ENOUGH_S = 6.0
+
+
 class TimeLeft:
-    """How long the rest of a stage takes, at the rate of its steps so far."""
+    """How long the rest of a stage takes, at the rate of its steps since the first, which also waits for what is compiled."""
 
     def __init__(self) -> None:
-        self._begun: dict[str, tuple[float, int]] = {}
+        #: For each stage since when steps are counted, how many were done then, and whether the first is still to come.
+        self._begun: dict[str, tuple[float, int, bool]] = {}
 
     def __call__(self, stage: str, done: int, total: int, now_s: float) -> str:
-        """Words such as "about 2 min left"; "" before a step is done, after the last, and within the first two seconds."""
-        begun, before = self._begun.setdefault(stage, (now_s, done))
+        """Words such as "about 2 min left"; "" until a step and six seconds have followed the first one, and after the last."""
+        begun, before, waits = self._begun.setdefault(stage, (now_s, done, True))
+        if done < before or (waits and done > before):  # the stage begins anew, or its first step is done
+            self._begun[stage] = (now_s, done, done < before)
+            return ""
         passed, steps = now_s - begun, done - before
-        if done < before:  # the stage begins anew
-            self._begun[stage] = (now_s, done)
-        if steps <= 0 or done >= total or passed < 2.0:
+        if steps <= 0 or done >= total or passed < _ENOUGH_S:
             return ""
         left = passed / steps * (total - done)
-        return f"about {left:.0f} s left" if left < 100 else f"about {left / 60:.0f} min left"
+        if left < 100:
+            return f"about {left:.0f} s left"
+        return f"about {left / 60:.0f} min left" if left < 6000 else f"about {left / 3600:.1f} h left"
 
 
 class Lines:

@@ -308,7 +308,7 @@ def finish(place: Place, request: Mapping[str, Any], more: Mapping[str, bytes], 
 
 
 class Pace:
-    """Progress with the time that is left, from the pace of what was written in this run."""
+    """Progress with the pace of what was written in this run."""
 
     def __init__(self, tell: Tell, total: int, kept: int) -> None:
         self._tell, self._total, self._kept, self._done = tell, total, kept, kept
@@ -318,6 +318,4 @@ class Pace:
         """So many captures more are written."""
         self._done += count
         rate = (self._done - self._kept) / max(time.monotonic() - self._began, 1e-3)
-        left = (self._total - self._done) / rate
-        text = f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min" if left < 5400 else f"{left / 3600:.1f} h"
-        self._tell("export", self._done, self._total, f"{text} left, {rate:.3g} captures/s")
+        self._tell("export", self._done, self._total, f"{rate:.3g} captures/s")

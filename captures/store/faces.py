@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from shlex import quote
 
 from ...scenes.errors import InputError
 from . import recovery, verification
@@ -54,6 +55,13 @@ def verify(path: str | os.PathLike[str]) -> list[Damage]:
     """
     root = Path(path).expanduser()
     if not is_sharded(root):
+        partial = partial_of(root)
+        if not os.path.lexists(root) and partial.is_dir():
+            raise InputError(
+                "The store is unfinished.", where=str(partial),
+                next_step=f"repeat the command that makes it with --resume and -o {quote(str(root))} to continue; "
+                f"`beambench data finalize {quote(str(root))}` keeps what is complete",
+            )  # fmt: skip
         return verification.verify(root)
     if root.name.endswith(".partial"):
         return [one for _, damage in sharded_partial_damage(root) for one in damage]

@@ -13,7 +13,7 @@ import io
 import math
 import os
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,14 @@ from ...scenes.errors import InputError, reason
 from .learned import predict, read_weights
 from .tools.features import FEATURES, SIGNIFICANCE, features_of
 from .tools.instrument import instrument_of
+from .tools.layer import normal_sums
 from .tools.stack import read_stack
 
 __all__ = ["fit", "samples_of", "stores_of", "train"]
 
 Float = npt.NDArray[np.float64]
+#: Receives the progress: (stage, steps done, of how many, of what).
+Tell = Callable[[str, int, int, str], None]
 #: First guesses that err by more than this many σ_R belong to another echo: no correction of the guess can mend them.
 FAR = 1.5
 #: Most pixels taken from one capture, so that a large one does not outweigh the others.
@@ -64,9 +67,8 @@ def samples_of(capture: xr.Dataset, min_snr: float, rng: np.random.Generator) ->
     return features.reshape(-1, FEATURES)[index], answer.reshape(-1)[index], light.reshape(-1)[index]
 
 
-def _design(features: Float, centre: Float, scale: Float, hidden: Float, bias: Float) -> Float:
-    f = (features - centre) * scale
-    return np.concatenate([np.ones((f.shape[0], 1)), f, np.tanh(f @ hidden.T + bias)], axis=1)
+def _silent(stage: str, done: int, total: int, text: str) -> None:
+    """Say nothing."""
 
 
 def _sound_from(decades: Float, near: npt.NDArray[np.bool_]) -> float:
@@ -85,28 +87,43 @@ def _held(features: Float, answers: Float, light: Float) -> dict[str, Any]:
     return {"low": low, "high": high, "light": np.array([10 ** _sound_from(np.log10(light), near), light[near].max()])}
 
 
-def _ridge(x: Float, y: Float, ridge: float) -> Float:
-    penalty = ridge * x.shape[0] * np.eye(x.shape[1])
-    penalty[0, 0] = 0.0
-    try:
-        found = np.asarray(np.linalg.solve(x.T @ x + penalty, x.T @ y))
-    except np.linalg.LinAlgError:
-        found = np.full(x.shape[1], np.nan)
-    if not np.isfinite(found).all():
-        raise InputError(
-            "These captures do not determine the weights.", where="--ridge", value=ridge, allowed="a ridge above 0",
-            next_step="leave out --ridge: its default is 1e-5",
-        )  # fmt: skip
-    return found
+class _Solver:
+    """Least squares of one layer, with the progress of all of them."""
+
+    def __init__(self, layer: tuple[Float, Float, Float, Float], ridge: float, total: int, tell: Tell) -> None:
+        self._layer, self._ridge, self._tell, self._total, self._done = layer, ridge, tell, total, 0
+
+    def __call__(self, features: Float, targets: Float, what: str) -> Float:
+        """The weights (1 + feature + unit) whose answers are nearest to the targets. Raises InputError where there are none."""
+        self._tell("fit", self._done, self._total, what)
+        before = self._done
+        products, right = normal_sums(
+            features, targets, self._layer, lambda pixels: self._tell("fit", before + pixels, self._total, what)
+        )
+        self._done += targets.size
+        penalty = self._ridge * targets.size * np.eye(right.size)
+        penalty[0, 0] = 0.0
+        try:
+            found = np.asarray(np.linalg.solve(products + penalty, right))
+        except np.linalg.LinAlgError:
+            found = np.full(right.size, np.nan)
+        if not np.isfinite(found).all():
+            raise InputError(
+                "These captures do not determine the weights.", where="--ridge", value=self._ridge,
+                allowed="a ridge above 0", next_step="leave out --ridge: its default is 1e-5",
+            )  # fmt: skip
+        return found
 
 
 def fit(
-    features: Float, answers: Float, light: Float, *, units: int, ridge: float, seed: int, excess: float = 1.0
-) -> dict[str, Any]:
+    features: Float, answers: Float, light: Float, *, units: int, ridge: float, seed: int, excess: float = 1.0,
+    tell: Tell = _silent,
+) -> dict[str, Any]:  # fmt: skip
     """Weights from samples, shuffled by seed: ¾ of them fit the answer, the others its error and the calibration of it.
 
     Samples whose first guess belongs to another echo serve only to find where the learned range begins. excess: the greatest
-    excess noise factor of the rigs. Raises InputError where there are fewer than 10 samples per unit and feature.
+    excess noise factor of the rigs. tell: receives the pixels that are fitted. Raises InputError where there are fewer than
+    10 samples per unit and feature.
     """
     every, near = (features, answers, light), np.abs(answers) < FAR
     features, answers = features[near], answers[near]
@@ -124,9 +141,12 @@ def fit(
     hidden = rng.normal(size=(units, FEATURES)) / np.sqrt(FEATURES)
     bias = rng.normal(size=units)
     arrays = (centre, scale, hidden, bias)
-    answer = _ridge(_design(features[first], *arrays), answers[first], ridge)
-    design = _design(features[second], *arrays)
-    log_error = _ridge(design, np.log(np.abs(design @ answer - answers[second]) + 1e-4) + LOG_NORMAL, ridge)
+    solve = _Solver(arrays, ridge, first.size + second.size, tell)
+    answer = solve(features[first], answers[first], "the answer")
+    value, error = np.empty(second.size), np.empty(second.size)
+    predict(features[second], np.ones(second.size, dtype=bool), *arrays, answer, np.zeros_like(answer), value, error)
+    miss = np.log(np.abs(value - answers[second]) + 1e-4) + LOG_NORMAL
+    log_error = solve(features[second], miss, "its error")
     value, error = np.empty(third.size), np.empty(third.size)
     predict(features[third], np.ones(third.size, dtype=bool), *arrays, answer, log_error, value, error)
     factor = float(np.sqrt(np.mean(((value - answers[third]) / error) ** 2)))
@@ -160,11 +180,11 @@ def stores_of(data: Sequence[str | Path]) -> list[Path]:
 
 def train(
     data: Sequence[str | Path], out: str | Path, *, units: int = 96, ridge: float = 1e-5, seed: int = 1,
-    min_snr: float = 4.0,
+    min_snr: float = 4.0, tell: Tell = _silent,
 ) -> dict[str, float]:  # fmt: skip
     """Train on the captures of all stores in `data` and write the weights to `out` (.npz, below 200 kB).
 
-    Equal data and parameters give equal bytes on one machine.
+    Equal data and parameters give equal bytes on one machine. tell: receives every capture, then the pixels that are fitted.
     An older file of weights at `out` is replaced, no other file.
     Returns the numbers of captures and pixels, the rms error of held-out pixels in σ_R, that of the first guess, and bytes.
     Raises InputError for data or parameters that cannot be used.
@@ -172,23 +192,34 @@ def train(
     _check(units, ridge, seed, min_snr)
     if Path(out).exists():
         read_weights(str(out))
-    stores = stores_of(data)
-    rng = np.random.default_rng([seed, 0])
-    parts, names, excess = [], [], 1.0
-    for path in stores:
-        seeds = []
-        for capture in open_captures(path):
-            parts.append(samples_of(capture, min_snr, rng))
-            excess = max(excess, instrument_of(capture).excess)
-            seeds.append(str(capture.attrs.get("seed", "?")))
-        names.append(f"{path.stem} {', '.join(seeds)}")
-    features, answers, light = (np.concatenate([p[i] for p in parts]) for i in range(3))
-    weights = fit(features, answers, light, units=units, ridge=ridge, seed=seed, excess=excess)
+    samples, names, excess = _read(stores_of(data), min_snr, np.random.default_rng([seed, 0]), tell)
+    features, answers, light = (np.concatenate([one[i] for one in samples]) for i in range(3))
+    weights = fit(features, answers, light, units=units, ridge=ridge, seed=seed, excess=excess, tell=tell)
     _write(Path(out), {**weights, "trained_on": np.array("; ".join(names))})
     return {
-        "captures": len(parts), "pixels": int((np.abs(answers) < FAR).sum()), "rms_held_out": float(weights["rms_held_out"]),
+        "captures": len(samples), "pixels": int((np.abs(answers) < FAR).sum()), "rms_held_out": float(weights["rms_held_out"]),
         "rms_first_guess": float(weights["rms_first_guess"]), "bytes": Path(out).stat().st_size,
     }  # fmt: skip
+
+
+def _read(
+    stores: Sequence[Path], min_snr: float, rng: np.random.Generator, tell: Tell
+) -> tuple[list[tuple[Float, Float, Float]], list[str], float]:
+    """(samples of each capture, words of each store, the greatest excess noise factor); a signal ends it between two captures."""
+    samples: list[tuple[Float, Float, Float]] = []
+    names, excess = [], 1.0
+    opened = [(path.stem, open_captures(path)) for path in stores]
+    total = sum(len(captures) for _, captures in opened)
+    for stem, captures in opened:
+        seeds = []
+        for capture in captures:
+            tell("read", len(samples), total, stem)
+            samples.append(samples_of(capture, min_snr, rng))
+            excess = max(excess, instrument_of(capture).excess)
+            seeds.append(str(capture.attrs.get("seed", "?")))
+        names.append(f"{stem} {', '.join(seeds)}")
+    tell("read", total, total, "")
+    return samples, names, excess
 
 
 def _check(units: int, ridge: float, seed: int, min_snr: float) -> None:
