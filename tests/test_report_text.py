@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from beambench.benchmarks.report.cell import common_noun
-from beambench.benchmarks.report.data import base_cells, cells_of
+from beambench.benchmarks.report.data import base_cells, by_quantity, cells_of
 from beambench.benchmarks.report.front import mark_front
 from beambench.benchmarks.report.layout import log_domain, log_ticks, place_labels
 from beambench.benchmarks.report.numbers import number, rate, time_text
@@ -386,3 +386,14 @@ def test_without_times_nothing_is_said_of_speed_and_a_vast_multiple_has_no_digit
     lines, told = closing_lines(table), summary(table)
     assert "over a million x the exact bound" in lines[0]
     assert not any("CPU" in line or "fastest" in line or "–" in line for line in lines + told)
+
+
+def test_quantities_of_one_name_are_told_apart_in_few_words() -> None:
+    """«gated range range» stood in the verdict of a run of three modalities."""
+    from types import SimpleNamespace
+
+    keys = [("range", "range", "gated"), ("range", "range", "waveform"), ("column", "line", "laser_line")]
+    cells = [SimpleNamespace(quantity=quantity, stage=stage, modality=modality) for quantity, stage, modality in keys]
+    assert list(by_quantity(cells)) == ["gated range", "waveform range", "column"]  # type: ignore[arg-type]
+    other = SimpleNamespace(quantity="range", stage="fused", modality="gated")
+    assert list(by_quantity([*cells, other])) == ["gated range", "waveform range", "column", "gated fused range"]  # type: ignore[list-item]

@@ -210,16 +210,23 @@ def base_cells(cells: list[Cell]) -> list[Cell]:
 def by_quantity(cells: list[Cell]) -> dict[str, list[Cell]]:
     """Cells by what they measure: errors and times per element of different quantities cannot be compared.
 
-    The key names the quantity, with its stage where two stages give one of that name.
+    The key names the quantity, where two stages or modalities give one of that name with its modality, and with its stage unless it
+    begins with the stage's name.
     """
     groups: dict[tuple[str, str, str], list[Cell]] = {}
     for cell in cells:
         groups.setdefault((cell.quantity, cell.stage, cell.modality), []).append(cell)
     names = [key[0] for key in groups]
     return {
-        key[0] if names.count(key[0]) == 1 else " ".join(part for part in reversed(key) if part): group
-        for key, group in groups.items()
+        quantity
+        if names.count(quantity) == 1
+        else _words(modality, "" if quantity.startswith(stage) else stage, quantity): group
+        for (quantity, stage, modality), group in groups.items()
     }
+
+
+def _words(*parts: str) -> str:
+    return " ".join(part for part in parts if part)
 
 
 def unit_scale(cell: Cell) -> tuple[float, str]:
