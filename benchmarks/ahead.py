@@ -28,7 +28,7 @@ from ..estimators.labels import split_label
 from ..optics.jit import cache_folder, compiling, kernels_below
 from ..scenes.machine import usable_cores
 from .runner.child import bind, die_with
-from .runner.variables import child_environment
+from .runner.variables import child_environment, start_beside
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,15 +48,7 @@ class Ahead:
         left = [label for label in labels if is_built_in(split_label(label)[0]) and not _mark(label).exists()]
         if left and usable_cores() > 1:
             with contextlib.suppress(OSError):  # then all is compiled when it is needed
-                self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", "beambench.benchmarks.ahead", str(os.getpid()), *left],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    start_new_session=True,
-                    cwd="/",
-                    env=child_environment(),
-                )
+                self._process = start_beside("ahead", [str(os.getpid()), *left], child_environment())
 
     def __enter__(self) -> Ahead:
         return self

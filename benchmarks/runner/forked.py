@@ -24,7 +24,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from .variables import child_environment
+from .variables import child_environment, start_beside
 
 __all__ = ["Forked", "Prepared"]
 
@@ -86,18 +86,9 @@ class Prepared:
         self._environment = child_environment()
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._control.settimeout(_PATIENCE_S)
-        command = [sys.executable, "-P", "-m", "beambench.benchmarks.runner.prepared"]
+        arguments = [str(os.getpid()), str(theirs.fileno()), *own]
         try:
-            self._process = subprocess.Popen(
-                [*command, str(os.getpid()), str(theirs.fileno()), *own],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
-                start_new_session=True,
-                cwd="/",
-                env=self._environment,
-            )
+            self._process = start_beside("runner.prepared", arguments, self._environment, pass_fds=(theirs.fileno(),))
         except OSError:  # the runner says why when it cannot start a child either
             self._control.close()
         finally:
